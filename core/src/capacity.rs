@@ -1,0 +1,107 @@
+//! Every fixed size in one place, with its byte cost, and what the stages count.
+//!
+//! A full buffer is not an error: the stage keeps the best and counts what it
+//! dropped in a [`StageStats`].
+
+/// What one stage saw, kept and dropped for lack of room in one frame.
+///
+/// `seen` counts candidates; `kept` what was passed on; `dropped` what would
+/// have been passed on had the buffer been larger. What a stage rejects by its
+/// own rule (a thin triangle, a weak corner) is in neither of the last two.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct StageStats {
+    /// Candidates that came in.
+    pub seen: u32,
+    /// Results passed on.
+    pub kept: u32,
+    /// Results lost to a full buffer.
+    pub dropped: u32,
+}
+
+/// The stages, in the order in which a frame flows through them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stage {
+    /// Raw pixels to luma and half-size chroma.
+    Convert,
+    /// Half-size levels.
+    Pyramid,
+    /// Shi-Tomasi corners and their ranking.
+    Corners,
+    /// Nested Delaunay triangulation.
+    Delaunay,
+    /// Thick scalene filter and partition keys.
+    Keygraphs,
+    /// Segment-bundle features.
+    Features,
+    /// Nearest neighbours in the model.
+    Classify,
+    /// Hough votes and their peaks.
+    Vote,
+    /// Candidates grown to homographies.
+    Pose,
+    /// Acceptance by appearance.
+    Accept,
+}
+
+impl Stage {
+    /// How many stages there are.
+    pub const COUNT: usize = 10;
+
+    /// All stages in pipeline order.
+    pub const ALL: [Self; Self::COUNT] = [
+        Self::Convert,
+        Self::Pyramid,
+        Self::Corners,
+        Self::Delaunay,
+        Self::Keygraphs,
+        Self::Features,
+        Self::Classify,
+        Self::Vote,
+        Self::Pose,
+        Self::Accept,
+    ];
+
+    /// The name used in reports and JSON.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Convert => "convert",
+            Self::Pyramid => "pyramid",
+            Self::Corners => "corners",
+            Self::Delaunay => "delaunay",
+            Self::Keygraphs => "keygraphs",
+            Self::Features => "features",
+            Self::Classify => "classify",
+            Self::Vote => "vote",
+            Self::Pose => "pose",
+            Self::Accept => "accept",
+        }
+    }
+}
+
+/// Levels of the image pyramid: full, half and quarter size.
+pub const LEVELS: usize = 3;
+
+/// Bytes of a luma pyramid whose lowest level has `pixels` pixels.
+#[must_use]
+pub const fn luma_bytes(pixels: usize) -> usize {
+    pixels + pixels / 4 + pixels / 16
+}
+
+/// Bytes of one chroma pyramid (there are two) for frames of `pixels` pixels.
+#[must_use]
+pub const fn chroma_bytes(pixels: usize) -> usize {
+    luma_bytes(pixels / 4)
+}
+
+/// Candidates (pose hypotheses) that are grown and checked in one frame.
+pub const CANDIDATES: usize = 24;
+
+/// Detections reported in one frame.
+pub const DETECTIONS: usize = 32;
+
+/// Longer side of the appearance template of an object, px.
+pub const TEMPLATE_SIDE: usize = 96;
+
+/// Bytes of the longest feature: 12 segments of two chroma components and luma.
+pub const FEATURE_BYTES: usize = 36;

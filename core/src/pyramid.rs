@@ -1,0 +1,277 @@
+//! Luma and chroma of one frame with their half-size levels.
+//!
+//! In: a checked [`Frame`]. Out: [`LEVELS`] levels of luma and of both chroma
+//! planes, each a 2x2 mean of the one below (a chroma mean leaves out blocks
+//! that have none). Level `l` of a `w` x `h` frame has `(w >> l)` x `(h >> l)`
+//! px of luma and `(w / 2 >> l)` x `(h / 2 >> l)` px of chroma.
+//!
+//! Memory: `LUMA + 2 * CHROMA` bytes. Cost: one pass over a third more pixels
+//! than the frame has. Nothing can be full: a frame that does not fit is
+//! refused.
+
+use crate::capacity::LEVELS;
+use crate::frame::{Frame, FrameError, NO_CHROMA};
+use crate::geometry::Point;
+
+/// A borrowed plane of pixels without padding.
+#[derive(Clone, Copy, Debug)]
+pub struct Plane<'a, T> {
+    data: &'a [T],
+    width: usize,
+    height: usize,
+}
+
+impl<'a, T: Copy> Plane<'a, T> {
+    /// A view of `width * height` pixels; `None` when `data` has another length
+    /// or a side is zero.
+    #[must_use]
+    pub fn new(data: &'a [T], width: usize, height: usize) -> Option<Self> {
+        (width > 0 && height > 0 && data.len() == width * height).then_some(Self { data, width, height })
+    }
+
+    /// Width, px.
+    #[must_use]
+    pub const fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Height, px.
+    #[must_use]
+    pub const fn height(&self) -> usize {
+        self.height
+    }
+
+    /// Row `y`.
+    ///
+    /// # Panics
+    /// When `y` is not below the height.
+    #[must_use]
+    pub fn row(&self, y: usize) -> &'a [T] {
+        &self.data[y * self.width..][..self.width]
+    }
+
+    /// The pixel nearest to `(x, y)`, clamped to the plane.
+    #[must_use]
+    #[allow(clippy::cast_sign_loss, clippy::cast_possible_truncation, clippy::cast_possible_wrap, reason = "clamped")]
+    pub fn nearest(&self, x: i32, y: i32) -> T {
+        let x = x.clamp(0, self.width as i32 - 1) as usize;
+        let y = y.clamp(0, self.height as i32 - 1) as usize;
+        self.data[y * self.width + x]
+    }
+}
+
+/// Owner of the planes of one frame.
+#[derive(Debug)]
+pub struct Pyramid<const LUMA: usize, const CHROMA: usize> {
+    width: usize,
+    height: usize,
+    luma: [u8; LUMA],
+    chroma: [[i8; CHROMA]; 2],
+}
+
+impl<const LUMA: usize, const CHROMA: usize> Default for Pyramid<LUMA, CHROMA> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl<const LUMA: usize, const CHROMA: usize> Pyramid<LUMA, CHROMA> {
+    /// An empty pyramid, all zero.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { width: 0, height: 0, luma: [0; LUMA], chroma: [[0; CHROMA]; 2] }
+    }
+
+    /// Whether a frame of this size fits.
+    #[must_use]
+    pub const fn fits(width: usize, height: usize) -> bool {
+        let mut luma = 0;
+        let mut chroma = 0;
+        let mut l = 0;
+        while l < LEVELS {
+            luma += (width >> l) * (height >> l);
+            chroma += ((width / 2) >> l) * ((height / 2) >> l);
+            l += 1;
+        }
+        luma <= LUMA && chroma <= CHROMA
+    }
+
+    /// Converts `frame` into level 0; [`Pyramid::reduce`] makes the others.
+    ///
+    /// # Errors
+    /// [`FrameError::TooLarge`] when the frame does not fit.
+    pub fn load(&mut self, frame: &Frame<'_>) -> Result<(), FrameError> {
+        let (w, h) = (frame.width(), frame.height());
+        if !Self::fits(w, h) {
+            return Err(FrameError::TooLarge {
+                pixels: w * h,
+                max_pixels: LUMA / 21 * 16,
+                side: w.max(h),
+                max_side: usize::MAX,
+            });
+        }
+        (self.width, self.height) = (w, h);
+        let [a, b] = &mut self.chroma;
+        frame.convert(&mut self.luma, a, b);
+        Ok(())
+    }
+
+    /// Sets the size and gives level 0 for writing: luma, then both chroma
+    /// planes. `None` when this size does not fit.
+    pub fn level0_mut(&mut self, width: usize, height: usize) -> Option<(&mut [u8], &mut [i8], &mut [i8])> {
+        if !Self::fits(width, height) {
+            return None;
+        }
+        (self.width, self.height) = (width, height);
+        let c = (width / 2) * (height / 2);
+        let [a, b] = &mut self.chroma;
+        Some((&mut self.luma[..width * height], &mut a[..c], &mut b[..c]))
+    }
+
+    /// Makes the levels above level 0.
+    pub fn reduce(&mut self) {
+        reduce_all(&mut self.luma, self.width, self.height, |p| {
+            let sum: u16 = p.iter().map(|&v| u16::from(v)).sum();
+            #[allow(clippy::cast_possible_truncation, reason = "a mean of bytes")]
+            let mean = ((sum + 2) / 4) as u8;
+            mean
+        });
+        for plane in &mut self.chroma {
+            reduce_all(plane, self.width / 2, self.height / 2, chroma_mean);
+        }
+    }
+
+    /// A view for the stages.
+    #[must_use]
+    pub fn view(&self) -> PyramidView<'_> {
+        PyramidView { width: self.width, height: self.height, luma: &self.luma, a: &self.chroma[0], b: &self.chroma[1] }
+    }
+}
+
+/// Mean of the pixels that have chroma; at least two must.
+fn chroma_mean(p: [i8; 4]) -> i8 {
+    let (mut sum, mut n) = (0i16, 0i16);
+    for v in p {
+        if v != NO_CHROMA {
+            sum += i16::from(v);
+            n += 1;
+        }
+    }
+    #[allow(clippy::cast_possible_truncation, reason = "a mean of i8")]
+    match n {
+        4 => ((sum + 2) >> 2) as i8,
+        2 | 3 => (sum / n) as i8,
+        _ => NO_CHROMA,
+    }
+}
+
+fn reduce_all<T: Copy>(data: &mut [T], mut w: usize, mut h: usize, mean: impl Fn([T; 4]) -> T) {
+    let mut rest = data;
+    for _ in 1..LEVELS {
+        let (source, target) = rest.split_at_mut(w * h);
+        let (hw, hh) = (w / 2, h / 2);
+        for (y, out) in target[..hw * hh].chunks_exact_mut(hw.max(1)).enumerate() {
+            let (top, bottom) = source[2 * y * w..][..2 * w].split_at(w);
+            for ((o, t), b) in out.iter_mut().zip(top.chunks_exact(2)).zip(bottom.chunks_exact(2)) {
+                *o = mean([t[0], t[1], b[0], b[1]]);
+            }
+        }
+        rest = target;
+        (w, h) = (hw, hh);
+    }
+}
+
+/// All levels of one frame, borrowed.
+#[derive(Clone, Copy, Debug)]
+pub struct PyramidView<'a> {
+    width: usize,
+    height: usize,
+    luma: &'a [u8],
+    a: &'a [i8],
+    b: &'a [i8],
+}
+
+impl<'a> PyramidView<'a> {
+    /// Width of level 0, px.
+    #[must_use]
+    pub const fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Height of level 0, px.
+    #[must_use]
+    pub const fn height(&self) -> usize {
+        self.height
+    }
+
+    /// Luma of level `level`.
+    ///
+    /// # Panics
+    /// When the view has no such level.
+    #[must_use]
+    pub fn luma(&self, level: usize) -> Plane<'a, u8> {
+        plane(self.luma, self.width, self.height, level)
+    }
+
+    /// Both chroma planes of level `level`, half the size of its luma.
+    ///
+    /// # Panics
+    /// When the view has no such level.
+    #[must_use]
+    pub fn chroma(&self, level: usize) -> [Plane<'a, i8>; 2] {
+        [self.a, self.b].map(|p| plane(p, self.width / 2, self.height / 2, level))
+    }
+}
+
+fn plane<T>(data: &[T], width: usize, height: usize, level: usize) -> Plane<'_, T> {
+    assert!(level < LEVELS, "a pyramid has {LEVELS} levels");
+    let start = (0..level).map(|l| (width >> l) * (height >> l)).sum();
+    let (width, height) = (width >> level, height >> level);
+    Plane { data: &data[start..][..width * height], width, height }
+}
+
+/// The point of level 0 that lies at `p` in level `level` (pixel centres at
+/// integers on both).
+#[must_use]
+pub fn to_level0(p: Point, level: usize) -> [f32; 2] {
+    let scale = f32::from(1u8 << level);
+    p.px().map(|v| v * scale + (scale - 1.0) / 2.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::frame::PixelFormat;
+
+    #[test]
+    fn levels_are_means_of_the_level_below() {
+        let mut data = [0u8; 18 * 16];
+        data.iter_mut().enumerate().for_each(|(i, v)| *v = (i % 18 * 10) as u8);
+        let mut p: Pyramid<400, 100> = Pyramid::new();
+        p.load(&Frame::new(PixelFormat::Gray8, 18, 16, &data).unwrap()).unwrap();
+        p.reduce();
+        let v = p.view();
+        assert_eq!(v.luma(1).row(3), [5, 25, 45, 65, 85, 105, 125, 145, 165]);
+        assert_eq!(v.luma(2).row(0), [15, 55, 95, 135]);
+        assert_eq!((v.chroma(2)[0].width(), v.chroma(2)[0].height()), (2, 2));
+        assert_eq!(v.chroma(1)[1].nearest(9, 9), NO_CHROMA);
+    }
+
+    #[test]
+    fn chroma_mean_leaves_out_what_has_none() {
+        assert_eq!(chroma_mean([10, NO_CHROMA, 20, NO_CHROMA]), 15);
+        assert_eq!(chroma_mean([10, NO_CHROMA, NO_CHROMA, NO_CHROMA]), NO_CHROMA);
+        assert_eq!(chroma_mean([-4, -4, -4, -4]), -4);
+    }
+
+    #[test]
+    fn a_frame_that_does_not_fit_is_refused() {
+        let mut p: Pyramid<336, 84> = Pyramid::new();
+        let data = [0; 17 * 17];
+        assert!(p.load(&Frame::new(PixelFormat::Gray8, 16, 16, &data[..256]).unwrap()).is_ok());
+        assert!(matches!(
+            p.load(&Frame::new(PixelFormat::Gray8, 17, 17, &data).unwrap()),
+            Err(FrameError::TooLarge { pixels: 289, max_pixels: 256, .. })
+        ));
+    }
+}

@@ -1,0 +1,1229 @@
+//! Reads pictures, folders, videos and streams as one sequence of frames.
+//!
+//! In: the INPUT arguments of the command line. Each is a PNG or JPEG picture,
+//! a folder of pictures, a video file, or `-` for a YUV4MPEG2 stream on
+//! standard input. Out: an iterator of [`SourceFrame`]: the input's name, the
+//! index of the frame in it, and either a [`Picture`] or why there is none.
+//! An input that cannot be read never stops the ones after it.
+//!
+//! A file whose first bytes are those of a PNG, a JPEG or a YUV4MPEG2 stream
+//! is read as such, whatever its name; after that the extension decides, and
+//! what is not called a picture goes to an `ffmpeg` child process, which hands
+//! back YUV4MPEG2 with 8-bit 4:2:0 samples at a constant frame rate, already
+//! turned as the video's rotation says.
+//!
+//! Why not the y4m crate: its end of file is the same for a complete and for a
+//! cut-off stream, it does not name the colour space it refuses, and it
+//! multiplies the sizes in the header unchecked.
+//!
+//! Memory: one frame, or one picture and its file, at a time. Larger frames
+//! than [`MAX_FRAME_PIXELS`] are refused.
+
+use std::collections::VecDeque;
+use std::ffi::OsString;
+use std::fmt;
+use std::fs::{self, File};
+use std::io::{self, BufRead, BufReader, Cursor, Read};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::thread::JoinHandle;
+
+use anyhow::{Context, Result, anyhow, bail, ensure};
+use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader};
+
+/// Most pixels in a frame of a stream: a header that asks for more is refused
+/// before anything is allocated for it.
+pub const MAX_FRAME_PIXELS: u64 = 100_000_000;
+
+/// Frames per second given where a video does not say, as in ffmpeg.
+const UNKNOWN_FPS: (u32, u32) = (25, 1);
+
+/// Longest header line of a YUV4MPEG2 stream or frame, in bytes.
+const MAX_HEADER_BYTES: u64 = 1024;
+
+/// Most bytes of ffmpeg's messages that are kept for an error.
+const MAX_MESSAGE_BYTES: usize = 4096;
+
+const NO_FFMPEG: &str = "video needs ffmpeg: install it with `sudo apt-get install ffmpeg` \
+                         (Debian/Ubuntu) or `brew install ffmpeg` (macOS)";
+
+/// Drops the last column or row of odd sizes, which 4:2:0 cannot halve.
+pub(crate) const CROP_TO_EVEN: &str = "crop=trunc(iw/2)*2:trunc(ih/2)*2";
+
+const PICTURE_EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
+
+const VIDEO_EXTENSIONS: [&str; 16] = [
+    "mp4", "m4v", "avi", "mkv", "mov", "webm", "mpg", "mpeg", "ogv", "y4m", "wmv", "flv", "ts",
+    "mts", "3gp", "gif",
+];
+
+/// Pixels in rows from the top, without padding.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Pixels {
+    /// Red, green, blue: 3 bytes per pixel.
+    Rgb8(Vec<u8>),
+    /// Luminance: 1 byte per pixel.
+    Gray8(Vec<u8>),
+    /// The Y plane, then the U and V planes of half the width and height.
+    /// Width and height are even.
+    I420(Vec<u8>),
+}
+
+/// A decoded picture or video frame.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Picture {
+    /// Pixels per row.
+    pub width: u32,
+    /// Number of rows.
+    pub height: u32,
+    /// The pixels, as many as width and height say.
+    pub pixels: Pixels,
+}
+
+/// What a frame is a part of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// A picture of its own.
+    Still,
+    /// One of the frames of a video.
+    Video {
+        /// Frames per second as numerator and denominator; 25/1 if unknown.
+        fps: (u32, u32),
+    },
+}
+
+/// One frame of one input.
+#[derive(Debug)]
+pub struct SourceFrame {
+    /// The path as given; for folders, joined with the file's name.
+    pub source: String,
+    /// Index in the video, from 0; 0 for pictures.
+    pub frame: u64,
+    /// Picture or video.
+    pub kind: Kind,
+    /// The frame, or why it could not be read.
+    pub picture: Result<Picture>,
+}
+
+// ---------------------------------------------------------------- the inputs
+
+/// All frames of all inputs, in the order given.
+///
+/// Every picture yields one item. A video yields one per frame, and one more
+/// that holds an error if it breaks off, if ffmpeg complained about it, or if
+/// it has no frames. A path that does not exist or a folder without pictures
+/// yields an error when its turn comes.
+#[derive(Debug)]
+pub struct Source {
+    waiting: VecDeque<Input>,
+    /// The video that is being read.
+    video: Option<Video>,
+    len: Option<u64>,
+}
+
+#[derive(Debug)]
+enum Input {
+    Still(PathBuf),
+    Video(PathBuf),
+    Unreadable(PathBuf, anyhow::Error),
+}
+
+impl Source {
+    /// Lists the inputs, and the files in those that are folders. Nothing is
+    /// decoded yet.
+    ///
+    /// # Errors
+    /// Only if `inputs` is empty.
+    pub fn open(inputs: &[PathBuf]) -> Result<Self> {
+        ensure!(
+            !inputs.is_empty(),
+            "no input: give a picture, a folder of pictures, a video, or - for standard input"
+        );
+        let mut waiting = VecDeque::new();
+        for path in inputs {
+            if !path.is_dir() {
+                waiting.push_back(classify(path));
+                continue;
+            }
+            match pictures_in(path) {
+                Ok(pictures) => waiting.extend(pictures.into_iter().map(Input::Still)),
+                Err(error) => waiting.push_back(Input::Unreadable(path.clone(), error)),
+            }
+        }
+        let any_video = waiting.iter().any(|i| matches!(i, Input::Video(_)));
+        let len = (!any_video).then_some(waiting.len() as u64);
+        Ok(Self {
+            waiting,
+            video: None,
+            len,
+        })
+    }
+
+    /// Number of items from the first to the last, or `None` if there is a
+    /// video among the inputs.
+    #[must_use]
+    pub fn len_hint(&self) -> Option<u64> {
+        self.len
+    }
+}
+
+impl Iterator for Source {
+    type Item = SourceFrame;
+
+    fn next(&mut self) -> Option<SourceFrame> {
+        loop {
+            if let Some(video) = &mut self.video {
+                if let Some(frame) = video.next() {
+                    return Some(frame);
+                }
+                self.video = None;
+            }
+            let (path, kind, picture) = match self.waiting.pop_front()? {
+                Input::Still(path) => {
+                    let picture = read_picture(&path);
+                    (path, Kind::Still, picture)
+                }
+                Input::Unreadable(path, error) => (path, Kind::Still, Err(error)),
+                Input::Video(path) => match Video::open(&path) {
+                    Ok(video) => {
+                        self.video = Some(video);
+                        continue;
+                    }
+                    Err(error) => (path, Kind::Video { fps: UNKNOWN_FPS }, Err(error)),
+                },
+            };
+            return Some(SourceFrame {
+                source: path.display().to_string(),
+                frame: 0,
+                kind,
+                picture,
+            });
+        }
+    }
+}
+
+/// True if the path is read as a video: `-`, a file that starts like a
+/// YUV4MPEG2 stream, and any name with a video's extension or, if the file
+/// exists, with another extension than a picture's.
+#[must_use]
+pub fn is_video(path: &Path) -> bool {
+    if is_stdin(path) {
+        return true;
+    }
+    match Content::of(path) {
+        Content::Picture => false,
+        Content::Yuv4Mpeg => true,
+        Content::Other => {
+            has_extension(path, &VIDEO_EXTENSIONS)
+                || (!has_extension(path, &PICTURE_EXTENSIONS) && path.exists() && !path.is_dir())
+        }
+    }
+}
+
+fn classify(path: &Path) -> Input {
+    let path = path.to_path_buf();
+    if !is_stdin(&path) && !path.exists() {
+        let error = anyhow!("{}: no such file or folder", path.display());
+        Input::Unreadable(path, error)
+    } else if is_video(&path) {
+        Input::Video(path)
+    } else {
+        Input::Still(path)
+    }
+}
+
+fn is_stdin(path: &Path) -> bool {
+    path.as_os_str() == "-"
+}
+
+fn has_extension(path: &Path, extensions: &[&str]) -> bool {
+    path.extension()
+        .and_then(|extension| extension.to_str())
+        .is_some_and(|extension| extensions.iter().any(|e| e.eq_ignore_ascii_case(extension)))
+}
+
+/// The pictures directly inside a folder, by name. Hidden files are left out.
+fn pictures_in(folder: &Path) -> Result<Vec<PathBuf>> {
+    let unreadable = || format!("cannot list the folder {}", folder.display());
+    let mut pictures = Vec::new();
+    for entry in fs::read_dir(folder).with_context(unreadable)? {
+        let path = entry.with_context(unreadable)?.path();
+        let hidden = path
+            .file_name()
+            .is_some_and(|name| name.as_encoded_bytes().starts_with(b"."));
+        if !hidden && has_extension(&path, &PICTURE_EXTENSIONS) && !path.is_dir() {
+            pictures.push(path);
+        }
+    }
+    ensure!(
+        !pictures.is_empty(),
+        "the folder {} has no PNG or JPEG pictures in it",
+        folder.display()
+    );
+    pictures.sort();
+    Ok(pictures)
+}
+
+/// What the first bytes of a file say.
+enum Content {
+    Picture,
+    Yuv4Mpeg,
+    Other,
+}
+
+impl Content {
+    /// `Other` for what is not a plain file, as looking into a pipe would take
+    /// its first bytes away.
+    fn of(path: &Path) -> Self {
+        let mut start = Vec::new();
+        if path.is_file()
+            && let Ok(file) = File::open(path)
+            && file.take(16).read_to_end(&mut start).is_ok()
+        {
+            if start.starts_with(YUV4MPEG2_MAGIC) {
+                return Self::Yuv4Mpeg;
+            }
+            if start.starts_with(b"\x89PNG\r\n\x1a\n") || start.starts_with(b"\xff\xd8\xff") {
+                return Self::Picture;
+            }
+        }
+        Self::Other
+    }
+}
+
+// ------------------------------------------------------------------ pictures
+
+/// Decodes a PNG or JPEG file, turned upright as its EXIF orientation says, on
+/// white where it is transparent, and with 8 bits per sample.
+///
+/// # Errors
+/// If the file is missing, not a PNG or JPEG picture, damaged or cut off. The
+/// message names the path.
+pub fn read_picture(path: &Path) -> Result<Picture> {
+    Ok(read_picture_noting_transparency(path)?.0)
+}
+
+/// As [`read_picture`]; the flag says if any pixel was not fully opaque.
+///
+/// # Errors
+/// As [`read_picture`].
+pub fn read_picture_noting_transparency(path: &Path) -> Result<(Picture, bool)> {
+    let name = path.display();
+    let bytes = fs::read(path).map_err(|error| match error.kind() {
+        io::ErrorKind::NotFound => anyhow!("{name}: no such file"),
+        _ => anyhow!("{name}: cannot be read: {error}"),
+    })?;
+    let image = decode_upright(&bytes).with_context(|| name.to_string())?;
+    Ok(flatten_onto_white(image))
+}
+
+fn decode_upright(bytes: &[u8]) -> Result<DynamicImage> {
+    let reader = ImageReader::new(Cursor::new(bytes))
+        .with_guessed_format()
+        .context("cannot be read")?;
+    match reader.format() {
+        Some(ImageFormat::Png) => {}
+        // The decoder fills the rest of a cut-off JPEG with grey in silence.
+        Some(ImageFormat::Jpeg) => ensure!(
+            jpeg_is_complete(bytes),
+            "the JPEG picture is cut off before its end"
+        ),
+        _ if bytes.is_empty() => bail!("the file is empty"),
+        _ => bail!("is not a PNG or JPEG picture"),
+    }
+    let damaged = "the picture cannot be decoded; it may be damaged or cut off";
+    let mut decoder = reader.into_decoder().context(damaged)?;
+    // A picture with a damaged orientation is still worth looking at.
+    let orientation = decoder.orientation();
+    let mut image = DynamicImage::from_decoder(decoder).context(damaged)?;
+    if let Ok(orientation) = orientation {
+        image.apply_orientation(orientation);
+    }
+    Ok(image)
+}
+
+/// Walks the segments of a JPEG to its end-of-image marker. Those inside of
+/// segments, such as a thumbnail's, do not count.
+fn jpeg_is_complete(bytes: &[u8]) -> bool {
+    const END_OF_IMAGE: u8 = 0xD9;
+    let mut at = 2;
+    loop {
+        // Entropy-coded data never holds FF before anything but 00 or D0..D7.
+        let Some(&[first, marker]) = bytes.get(at..at + 2) else {
+            return false;
+        };
+        match (first, marker) {
+            (0xFF, END_OF_IMAGE) => return true,
+            (0xFF, 0x00 | 0x01 | 0xD0..=0xD8) => at += 2,
+            (0xFF, 0xFF) => at += 1,
+            (0xFF, _) => {
+                let Some(&[high, low]) = bytes.get(at + 2..at + 4) else {
+                    return false;
+                };
+                at += 2 + usize::from(u16::from_be_bytes([high, low]));
+            }
+            _ => at += 1,
+        }
+    }
+}
+
+/// Converts to 8-bit gray or RGB, transparent pixels mixed with white. The
+/// flag says if any pixel was not fully opaque.
+#[must_use]
+pub fn flatten_onto_white(image: DynamicImage) -> (Picture, bool) {
+    let (width, height) = (image.width(), image.height());
+    let gray = !image.color().has_color();
+    let mut transparent = false;
+    let mut mix = |samples: &[u8], alpha: u8| {
+        transparent |= alpha != u8::MAX;
+        samples
+            .iter()
+            .map(|&sample| over_white(sample, alpha))
+            .collect::<Vec<u8>>()
+    };
+    let pixels = match (gray, image.color().has_alpha()) {
+        (true, false) => Pixels::Gray8(image.into_luma8().into_raw()),
+        (false, false) => Pixels::Rgb8(image.into_rgb8().into_raw()),
+        (true, true) => {
+            let image = image.into_luma_alpha8();
+            Pixels::Gray8(
+                image
+                    .pixels()
+                    .flat_map(|p| mix(&p.0[..1], p.0[1]))
+                    .collect(),
+            )
+        }
+        (false, true) => {
+            let image = image.into_rgba8();
+            Pixels::Rgb8(
+                image
+                    .pixels()
+                    .flat_map(|p| mix(&p.0[..3], p.0[3]))
+                    .collect(),
+            )
+        }
+    };
+    let picture = Picture {
+        width,
+        height,
+        pixels,
+    };
+    (picture, transparent)
+}
+
+fn over_white(sample: u8, alpha: u8) -> u8 {
+    let (sample, alpha) = (u16::from(sample), u16::from(alpha));
+    let mixed = (sample * alpha + 255 * (255 - alpha) + 127) / 255;
+    u8::try_from(mixed).unwrap_or(u8::MAX)
+}
+
+// -------------------------------------------------------------------- videos
+
+/// A video that is being read, directly or through ffmpeg.
+struct Video {
+    source: String,
+    next_frame: u64,
+    fps: (u32, u32),
+    /// `None` after the last frame.
+    frames: Option<Yuv4MpegReader<Box<dyn Read + Send>>>,
+    ffmpeg: Option<Ffmpeg>,
+}
+
+impl fmt::Debug for Video {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Video")
+            .field("source", &self.source)
+            .field("next_frame", &self.next_frame)
+            .finish_non_exhaustive()
+    }
+}
+
+impl Video {
+    fn open(path: &Path) -> Result<Self> {
+        let source = path.display().to_string();
+        let (stream, ffmpeg): (Box<dyn Read + Send>, _) = if is_stdin(path) {
+            (Box::new(io::stdin()), None)
+        } else if let Content::Yuv4Mpeg = Content::of(path) {
+            let file = File::open(path).with_context(|| format!("cannot open {source}"))?;
+            (Box::new(file), None)
+        } else {
+            let mut ffmpeg = Ffmpeg::start(&decoding_arguments(path))?;
+            let output = ffmpeg.child.stdout.take().context("ffmpeg has no output")?;
+            (Box::new(output), Some(ffmpeg))
+        };
+        match Yuv4MpegReader::new(stream) {
+            Ok(frames) => Ok(Self {
+                source,
+                next_frame: 0,
+                fps: frames.fps,
+                frames: Some(frames),
+                ffmpeg,
+            }),
+            // Without a header, ffmpeg's own message says more than ours.
+            Err(error) => {
+                if let Some(ffmpeg) = ffmpeg {
+                    ffmpeg.finish().with_context(|| source.clone())?;
+                }
+                let name = if is_stdin(path) {
+                    "standard input"
+                } else {
+                    &source
+                };
+                Err(error.context(name.to_string()))
+            }
+        }
+    }
+
+    /// Reads the next frame. After the last, asks ffmpeg if all was well.
+    fn next_picture(&mut self) -> Option<Result<Picture>> {
+        let error = match self.frames.as_mut()?.next_frame() {
+            Ok(Some(picture)) => return Some(Ok(picture)),
+            Ok(None) if self.next_frame == 0 => Some(anyhow!("the video has no frames")),
+            Ok(None) => None,
+            Err(error) => Some(error),
+        };
+        // Closing the pipe before waiting: ffmpeg may still want to write.
+        self.frames = None;
+        let complaint = match self.ffmpeg.take().map(Ffmpeg::finish) {
+            Some(Ok(messages)) if !messages.is_empty() => Some(anyhow!(
+                "frames may be missing or damaged, ffmpeg says: {messages}"
+            )),
+            Some(Err(error)) => Some(error),
+            _ => None,
+        };
+        complaint.or(error).map(Err)
+    }
+}
+
+impl Iterator for Video {
+    type Item = SourceFrame;
+
+    fn next(&mut self) -> Option<SourceFrame> {
+        let picture = self.next_picture()?;
+        let frame = self.next_frame;
+        self.next_frame += 1;
+        Some(SourceFrame {
+            source: self.source.clone(),
+            frame,
+            kind: Kind::Video { fps: self.fps },
+            picture: picture.with_context(|| format!("{}, frame {frame}", self.source)),
+        })
+    }
+}
+
+fn decoding_arguments(path: &Path) -> Vec<OsString> {
+    // `file:` keeps a name such as `a:b.mp4` from being read as a protocol, and
+    // the list keeps a playlist from reaching into the network.
+    let mut file = OsString::from("file:");
+    file.push(path);
+    let mut arguments: Vec<OsString> = ["-protocol_whitelist", "file", "-i"]
+        .map(OsString::from)
+        .to_vec();
+    arguments.push(file);
+    let output = ["-an", "-sn", "-dn", "-vf", CROP_TO_EVEN]
+        .into_iter()
+        .chain(["-f", "yuv4mpegpipe", "-pix_fmt", "yuv420p", "-strict", "-1"])
+        .chain(["-"]);
+    arguments.extend(output.map(OsString::from));
+    arguments
+}
+
+/// An ffmpeg child process. Its messages are drained by a thread, so that it
+/// never waits for us to read them. Killed and waited for when dropped.
+#[derive(Debug)]
+pub(crate) struct Ffmpeg {
+    /// Its standard input and output are pipes, for the owner to take.
+    pub(crate) child: Child,
+    messages: Option<JoinHandle<String>>,
+}
+
+impl Ffmpeg {
+    /// Starts ffmpeg with these arguments.
+    pub(crate) fn start(arguments: &[OsString]) -> Result<Self> {
+        Self::start_program("ffmpeg", arguments)
+    }
+
+    fn start_program(program: &str, arguments: &[OsString]) -> Result<Self> {
+        let mut child = Command::new(program)
+            .args(["-v", "error", "-nostdin"])
+            .args(arguments)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .map_err(|error| match error.kind() {
+                io::ErrorKind::NotFound => anyhow!(NO_FFMPEG),
+                _ => anyhow!("cannot start ffmpeg: {error}"),
+            })?;
+        let messages = child
+            .stderr
+            .take()
+            .map(|stderr| std::thread::spawn(|| first_messages(stderr)));
+        Ok(Self { child, messages })
+    }
+
+    /// Waits for the end and returns what ffmpeg wrote to standard error.
+    ///
+    /// # Errors
+    /// If ffmpeg failed; the same text is in the error.
+    pub(crate) fn finish(mut self) -> Result<String> {
+        // A pipe left open would keep ffmpeg waiting.
+        self.child.stdin = None;
+        self.child.stdout = None;
+        let status = self.child.wait().context("cannot wait for ffmpeg")?;
+        let messages = self
+            .messages
+            .take()
+            .and_then(|thread| thread.join().ok())
+            .unwrap_or_default();
+        ensure!(status.success(), "ffmpeg failed ({status}): {messages}");
+        Ok(messages)
+    }
+}
+
+impl Drop for Ffmpeg {
+    fn drop(&mut self) {
+        // Both fail if the child has ended already, which is what is wanted.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// Reads to the end and keeps the start.
+fn first_messages(mut stderr: impl Read) -> String {
+    let mut kept = Vec::new();
+    let _ = stderr
+        .by_ref()
+        .take(MAX_MESSAGE_BYTES as u64)
+        .read_to_end(&mut kept);
+    let _ = io::copy(&mut stderr, &mut io::sink());
+    String::from_utf8_lossy(&kept).trim().to_string()
+}
+
+// ----------------------------------------------------------------- YUV4MPEG2
+
+const YUV4MPEG2_MAGIC: &[u8] = b"YUV4MPEG2";
+
+const WANTED_STREAM: &str = "is not a YUV4MPEG2 stream; make one with \
+                             `ffmpeg -i FILE -f yuv4mpegpipe -pix_fmt yuv420p -strict -1 -`";
+
+/// How the samples of a frame are stored. Always 8 bits per sample.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Chroma {
+    Mono,
+    C420,
+    C422,
+    C444,
+}
+
+/// Reads frames off a YUV4MPEG2 stream: a line of text about the stream, then
+/// for every frame a line of text and its Y, U and V planes.
+/// The format is described in the manual page yuv4mpeg(5) of mjpegtools.
+#[derive(Debug)]
+struct Yuv4MpegReader<R> {
+    reader: BufReader<R>,
+    width: u32,
+    height: u32,
+    fps: (u32, u32),
+    chroma: Chroma,
+}
+
+impl<R: Read> Yuv4MpegReader<R> {
+    fn new(stream: R) -> Result<Self> {
+        let mut reader = BufReader::new(stream);
+        let Some(header) = read_header_line(&mut reader, YUV4MPEG2_MAGIC)? else {
+            bail!("is empty; expected a YUV4MPEG2 stream");
+        };
+        let (mut width, mut height, mut fps, mut chroma) = (0, 0, None, Chroma::C420);
+        for field in header.split(' ').filter(|field| !field.is_empty()) {
+            let mut rest = field.chars();
+            match (rest.next(), rest.as_str()) {
+                (Some('W'), value) => width = parse_size(value)?,
+                (Some('H'), value) => height = parse_size(value)?,
+                (Some('F'), value) => fps = parse_fps(value),
+                (Some('C'), value) => chroma = parse_chroma(value)?,
+                // Interlacing, pixel aspect and comments do not matter here.
+                _ => {}
+            }
+        }
+        ensure!(
+            width > 0 && height > 0,
+            "the YUV4MPEG2 header gives no width and height"
+        );
+        ensure!(
+            u64::from(width) * u64::from(height) <= MAX_FRAME_PIXELS,
+            "frames of {width} x {height} pixels are too large: \
+             the limit is {MAX_FRAME_PIXELS} pixels"
+        );
+        ensure!(
+            chroma == Chroma::Mono || (width % 2 == 0 && height % 2 == 0),
+            "frames of {width} x {height} pixels have an odd size: \
+             add `-vf \"{CROP_TO_EVEN}\"` to the ffmpeg command"
+        );
+        Ok(Self {
+            reader,
+            width,
+            height,
+            fps: fps.unwrap_or(UNKNOWN_FPS),
+            chroma,
+        })
+    }
+
+    /// The next frame, or `None` at the end of the stream. After an error the
+    /// place in the stream is lost: do not call again.
+    fn next_frame(&mut self) -> Result<Option<Picture>> {
+        if read_header_line(&mut self.reader, b"FRAME")?.is_none() {
+            return Ok(None);
+        }
+        let (width, height) = (self.width as usize, self.height as usize);
+        let luma = width * height;
+        let whole = match self.chroma {
+            Chroma::Mono => luma,
+            Chroma::C420 => luma + luma / 2,
+            Chroma::C422 => luma * 2,
+            Chroma::C444 => luma * 3,
+        };
+        let mut planes = Vec::with_capacity(whole);
+        self.reader
+            .by_ref()
+            .take(whole as u64)
+            .read_to_end(&mut planes)
+            .context("cannot read the frame")?;
+        ensure!(
+            planes.len() == whole,
+            "the stream ends inside the frame: {} of {whole} bytes",
+            planes.len()
+        );
+        let pixels = match self.chroma {
+            Chroma::Mono => Pixels::Gray8(planes),
+            Chroma::C420 => Pixels::I420(planes),
+            Chroma::C422 => Pixels::I420(average_chroma(planes, luma, width / 2, 1)),
+            Chroma::C444 => Pixels::I420(average_chroma(planes, luma, width, 2)),
+        };
+        Ok(Some(Picture {
+            width: self.width,
+            height: self.height,
+            pixels,
+        }))
+    }
+}
+
+/// Reads a line that starts with `magic` and returns what follows. `None` if
+/// the stream ends before the line begins.
+fn read_header_line(reader: &mut impl BufRead, magic: &[u8]) -> Result<Option<String>> {
+    let mut line = Vec::new();
+    reader
+        .take(MAX_HEADER_BYTES)
+        .read_until(b'\n', &mut line)
+        .context("cannot read the stream")?;
+    if line.is_empty() {
+        return Ok(None);
+    }
+    let Some(rest) = line.strip_prefix(magic) else {
+        ensure!(
+            magic == YUV4MPEG2_MAGIC,
+            "the stream is damaged: no frame where one should begin"
+        );
+        bail!(WANTED_STREAM);
+    };
+    let Some(rest) = rest.strip_suffix(b"\n") else {
+        bail!("the stream ends inside a header, or the header is too long");
+    };
+    Ok(Some(String::from_utf8_lossy(rest).into_owned()))
+}
+
+fn parse_size(value: &str) -> Result<u32> {
+    value
+        .parse()
+        .map_err(|_| anyhow!("the YUV4MPEG2 header has a size that is no number: {value:?}"))
+}
+
+/// `None` for 0:0, which means unknown, and for what cannot be read.
+fn parse_fps(value: &str) -> Option<(u32, u32)> {
+    let (numerator, denominator) = value.split_once(':')?;
+    let fps: (u32, u32) = (numerator.parse().ok()?, denominator.parse().ok()?);
+    (fps.0 > 0 && fps.1 > 0).then_some(fps)
+}
+
+fn parse_chroma(value: &str) -> Result<Chroma> {
+    match value {
+        // They differ in where the colour samples lie, by half a pixel.
+        "420" | "420jpeg" | "420mpeg2" | "420paldv" => Ok(Chroma::C420),
+        "422" => Ok(Chroma::C422),
+        "444" => Ok(Chroma::C444),
+        "mono" => Ok(Chroma::Mono),
+        _ => bail!(
+            "the colour space C{value} is not supported: \
+             add `-pix_fmt yuv420p` to the ffmpeg command for 8-bit 4:2:0"
+        ),
+    }
+}
+
+/// Turns 4:2:2 or 4:4:4 planes into 4:2:0: `columns` x 2 colour samples become
+/// their mean. `luma` is the length of the Y plane, `width` that of a row of
+/// the U and V planes as stored.
+fn average_chroma(mut planes: Vec<u8>, luma: usize, width: usize, columns: usize) -> Vec<u8> {
+    let mut averaged = Vec::with_capacity(luma / 2);
+    // The height is even, so no pair of rows reaches from U into V.
+    for rows in planes[luma..].chunks_exact(2 * width) {
+        let (upper, lower) = rows.split_at(width);
+        for (a, b) in upper.chunks_exact(columns).zip(lower.chunks_exact(columns)) {
+            let sum: usize = a.iter().chain(b).map(|&sample| usize::from(sample)).sum();
+            averaged.push(u8::try_from((sum + columns) / (2 * columns)).unwrap_or(u8::MAX));
+        }
+    }
+    planes.truncate(luma);
+    planes.extend(averaged);
+    planes
+}
+
+// --------------------------------------------------------------------- tests
+
+/// What the tests of this crate's file formats need.
+#[cfg(test)]
+pub(crate) mod scratch {
+    use std::io::{Write, stderr};
+    use std::path::PathBuf;
+    use std::process::Command;
+
+    /// An empty folder that is removed with all that is in it.
+    pub(crate) struct Folder(pub(crate) PathBuf);
+
+    impl Folder {
+        /// `name` must be used by one test only.
+        pub(crate) fn new(name: &str) -> Self {
+            let path = std::env::temp_dir().join(format!("keygraph-{}-{name}", std::process::id()));
+            std::fs::create_dir_all(&path).expect("temporary folder");
+            Self(path)
+        }
+    }
+
+    impl Drop for Folder {
+        fn drop(&mut self) {
+            let _ = std::fs::remove_dir_all(&self.0);
+        }
+    }
+
+    /// Runs `ffmpeg -v error` with these arguments, split at spaces, and the
+    /// output file. False, and a line that cargo does not hide, if there is no
+    /// ffmpeg.
+    pub(crate) fn ffmpeg_makes(arguments: &str, output: &std::path::Path) -> bool {
+        let status = Command::new("ffmpeg")
+            .args(["-v", "error", "-nostdin", "-y"])
+            .args(arguments.split(' '))
+            .arg(output)
+            .status();
+        let Ok(status) = status else {
+            let _ = writeln!(stderr(), "SKIPPED: no ffmpeg to make {}", output.display());
+            return false;
+        };
+        assert!(status.success(), "ffmpeg {arguments}");
+        true
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::scratch::{Folder, ffmpeg_makes};
+    use super::*;
+    use image::codecs::jpeg::JpegEncoder;
+    use image::codecs::png::PngEncoder;
+    use image::{ExtendedColorType, ImageEncoder};
+
+    fn png(width: u32, samples: &[u8], colour: ExtendedColorType) -> Vec<u8> {
+        let bytes = width as usize * usize::from(colour.bits_per_pixel()) / 8;
+        let height = u32::try_from(samples.len() / bytes).expect("small");
+        let mut file = Vec::new();
+        PngEncoder::new(&mut file)
+            .write_image(samples, width, height, colour)
+            .expect("encodes");
+        file
+    }
+
+    fn jpeg(side: u32) -> Vec<u8> {
+        let samples: Vec<u8> = (0..side * side * 3).map(|i| (i * 7 % 251) as u8).collect();
+        let mut file = Vec::new();
+        JpegEncoder::new(&mut file)
+            .encode(&samples, side, side, ExtendedColorType::Rgb8)
+            .expect("encodes");
+        file
+    }
+
+    fn decode(bytes: &[u8]) -> Result<(Picture, bool)> {
+        decode_upright(bytes).map(flatten_onto_white)
+    }
+
+    fn message<T>(result: Result<T>) -> String {
+        result.err().map_or("no error".into(), |e| format!("{e:#}"))
+    }
+
+    #[track_caller]
+    fn assert_says<T>(result: Result<T>, part: &str) {
+        let message = message(result);
+        assert!(message.contains(part), "{part:?} is not in {message:?}");
+    }
+
+    // pictures
+
+    #[test]
+    fn gray_stays_gray_and_colour_stays_colour() {
+        let (gray, _) = decode(&png(2, &[1, 2, 3, 4], ExtendedColorType::L8)).expect("gray");
+        assert_eq!(gray.pixels, Pixels::Gray8(vec![1, 2, 3, 4]));
+        assert_eq!((gray.width, gray.height), (2, 2));
+        let (rgb, _) = decode(&png(1, &[1, 2, 3], ExtendedColorType::Rgb8)).expect("rgb");
+        assert_eq!(rgb.pixels, Pixels::Rgb8(vec![1, 2, 3]));
+    }
+
+    #[test]
+    fn sixteen_bits_become_eight() {
+        let samples: Vec<u8> = [0_u16, 0x8080, 0xFFFF]
+            .iter()
+            .flat_map(|v| v.to_ne_bytes())
+            .collect();
+        let (gray, _) = decode(&png(3, &samples, ExtendedColorType::L16)).expect("16 bits");
+        assert_eq!(gray.pixels, Pixels::Gray8(vec![0, 0x80, 0xFF]));
+    }
+
+    #[test]
+    fn transparency_is_mixed_with_white_and_told() {
+        let samples = [10, 20, 30, 255, 10, 20, 30, 0, 0, 0, 0, 128];
+        let (picture, transparent) =
+            decode(&png(3, &samples, ExtendedColorType::Rgba8)).expect("rgba");
+        let expected = vec![10, 20, 30, 255, 255, 255, 127, 127, 127];
+        assert_eq!(picture.pixels, Pixels::Rgb8(expected));
+        assert!(transparent);
+        let (picture, transparent) =
+            decode(&png(1, &[9, 255], ExtendedColorType::La8)).expect("la");
+        assert_eq!(picture.pixels, Pixels::Gray8(vec![9]));
+        assert!(!transparent, "an alpha channel of 255 is opaque");
+    }
+
+    #[test]
+    fn exif_orientation_is_applied() {
+        // One entry: tag 0x0112 (orientation), type short, count 1, value 6:
+        // the first row is the right side.
+        let mut exif = b"MM\0\x2a\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0\x06\0\0".to_vec();
+        exif.extend([0; 4]);
+        let mut file = Vec::new();
+        let mut encoder = PngEncoder::new(&mut file);
+        encoder.set_exif_metadata(exif).expect("takes exif");
+        encoder
+            .write_image(&[1, 2, 3, 4, 5, 6], 3, 2, ExtendedColorType::L8)
+            .expect("encodes");
+        let (picture, _) = decode(&file).expect("decodes");
+        assert_eq!((picture.width, picture.height), (2, 3));
+        assert_eq!(picture.pixels, Pixels::Gray8(vec![4, 1, 5, 2, 6, 3]));
+    }
+
+    #[test]
+    fn a_jpeg_cut_anywhere_is_refused() {
+        let whole = jpeg(24);
+        assert!(decode(&whole).is_ok());
+        for length in 3..whole.len() {
+            assert!(decode(&whole[..length]).is_err(), "cut at {length}");
+        }
+        assert_says(decode(&whole[..whole.len() / 2]), "cut off");
+    }
+
+    #[test]
+    fn a_cut_png_and_what_is_no_picture_are_refused() {
+        let whole = png(20, &[7; 400], ExtendedColorType::L8);
+        assert_says(decode(&whole[..whole.len() / 2]), "cut off");
+        assert_says(decode(b"hello"), "is not a PNG or JPEG picture");
+        assert_says(decode(b""), "the file is empty");
+        assert_says(
+            read_picture(Path::new("/no/such.png")),
+            "/no/such.png: no such file",
+        );
+    }
+
+    // inputs
+
+    #[test]
+    fn a_folder_gives_its_pictures_by_name() {
+        let folder = Folder::new("by-name");
+        let picture = png(1, &[0], ExtendedColorType::L8);
+        for name in ["b.PNG", "a.jpeg", "c.Jpg", ".hidden.png", "notes.txt"] {
+            fs::write(folder.0.join(name), &picture).expect("writes");
+        }
+        fs::create_dir(folder.0.join("d.png")).expect("a folder inside");
+        let source = Source::open(std::slice::from_ref(&folder.0)).expect("opens");
+        assert_eq!(source.len_hint(), Some(3));
+        let frames: Vec<_> = source.collect();
+        let names: Vec<_> = frames.iter().map(|f| f.source.clone()).collect();
+        let expected = ["a.jpeg", "b.PNG", "c.Jpg"].map(|n| folder.0.join(n).display().to_string());
+        assert_eq!(names, expected);
+        // The content counts, not the extension.
+        assert!(
+            frames
+                .iter()
+                .all(|f| f.picture.is_ok() && f.kind == Kind::Still)
+        );
+    }
+
+    #[test]
+    fn what_cannot_be_read_does_not_stop_the_rest() {
+        let folder = Folder::new("rest");
+        let good = folder.0.join("picture-without-extension");
+        fs::write(&good, png(1, &[0], ExtendedColorType::L8)).expect("writes");
+        let empty = folder.0.join("empty");
+        fs::create_dir(&empty).expect("a folder inside");
+        let text = folder.0.join("text.png");
+        fs::write(&text, "text").expect("writes");
+        let inputs = [folder.0.join("missing.mp4"), empty, text, good];
+        let source = Source::open(&inputs).expect("opens");
+        assert_eq!(source.len_hint(), Some(4));
+        let messages: Vec<_> = source.map(|f| message(f.picture)).collect();
+        let expected = [
+            "no such file or folder",
+            "has no PNG or JPEG",
+            "is not a PNG",
+            "no error",
+        ];
+        assert_eq!(messages.len(), 4);
+        for (message, part) in messages.iter().zip(expected) {
+            assert!(message.contains(part), "{part:?} is not in {message:?}");
+        }
+    }
+
+    #[test]
+    fn no_inputs_is_an_error() {
+        assert_says(Source::open(&[]), "no input");
+    }
+
+    #[test]
+    fn videos_are_told_from_pictures() {
+        let folder = Folder::new("told");
+        let other = folder.0.join("clip.xyz");
+        fs::write(&other, "?").expect("writes");
+        for (path, expected) in [
+            (Path::new("-"), true),
+            (Path::new("not-there.MP4"), true),
+            (Path::new("not-there.jpg"), false),
+            (Path::new("not-there"), false),
+            (&folder.0, false),
+            (&other, true),
+        ] {
+            assert_eq!(is_video(path), expected, "{}", path.display());
+        }
+    }
+
+    // YUV4MPEG2
+
+    /// All frames of a stream, read as a file.
+    fn frames_of(name: &str, stream: &[u8]) -> Vec<SourceFrame> {
+        let folder = Folder::new(name);
+        let path = folder.0.join("stream");
+        fs::write(&path, stream).expect("writes");
+        let source = Source::open(&[path]).expect("opens");
+        assert_eq!(source.len_hint(), None);
+        source.collect()
+    }
+
+    fn header(text: &str) -> Result<Yuv4MpegReader<&[u8]>> {
+        Yuv4MpegReader::new(text.as_bytes())
+    }
+
+    #[test]
+    fn frames_are_read_in_turn() {
+        let stream = b"YUV4MPEG2 W2 H2 F30000:1001 Ip A1:1 C420jpeg XCOLORRANGE=LIMITED\n\
+                       FRAME\nabcdUVFRAME Ixyz\nefghuv";
+        let frames = frames_of("in-turn", stream);
+        let fps = (30000, 1001);
+        assert_eq!(frames.len(), 2);
+        for (index, (frame, expected)) in frames.into_iter().zip([b"abcdUV", b"efghuv"]).enumerate()
+        {
+            assert_eq!(frame.frame, index as u64);
+            assert_eq!(frame.kind, Kind::Video { fps });
+            let picture = frame.picture.expect("a frame");
+            assert_eq!(picture.pixels, Pixels::I420(expected.to_vec()));
+        }
+    }
+
+    #[test]
+    fn a_cut_stream_gives_its_frames_and_then_an_error() {
+        let stream = b"YUV4MPEG2 W2 H2\nFRAME\nabcdUVFRAME\nefg";
+        let frames = frames_of("cut", stream);
+        assert_eq!(frames.len(), 2);
+        let [first, second] = frames.try_into().expect("two frames");
+        assert!(first.picture.is_ok());
+        assert_eq!(second.frame, 1);
+        assert_says(
+            second.picture,
+            "frame 1: the stream ends inside the frame: 3 of 6 bytes",
+        );
+    }
+
+    #[test]
+    fn a_damaged_stream_ends_with_an_error() {
+        let frames = frames_of("damaged", b"YUV4MPEG2 W2 H2\nFRAME\nabcdUVnonsense");
+        let errors: Vec<_> = frames.into_iter().map(|f| message(f.picture)).collect();
+        assert_eq!(errors.len(), 2);
+        assert!(errors[1].contains("the stream is damaged"), "{}", errors[1]);
+        let frames = frames_of("frameless", b"YUV4MPEG2 W2 H2\n");
+        let errors: Vec<_> = frames.into_iter().map(|f| message(f.picture)).collect();
+        assert_eq!(errors.len(), 1);
+        assert!(errors[0].contains("no frames"), "{}", errors[0]);
+    }
+
+    #[test]
+    fn headers_that_cannot_be_used_say_why() {
+        for (text, part) in [
+            ("", "is empty"),
+            ("\u{89}PNG", "is not a YUV4MPEG2 stream"),
+            ("YUV4MPEG2 W2 H2", "ends inside a header"),
+            ("YUV4MPEG2 W2\n", "no width and height"),
+            ("YUV4MPEG2 W-2 H2\n", "no number: \"-2\""),
+            ("YUV4MPEG2 W60000 H60000\n", "too large"),
+            (
+                "YUV4MPEG2 W3 H2\n",
+                "-vf \"crop=trunc(iw/2)*2:trunc(ih/2)*2\"",
+            ),
+            ("YUV4MPEG2 W2 H2 C420p10\n", "-pix_fmt yuv420p"),
+            ("YUV4MPEG2 W2 H2 C411\n", "C411 is not supported"),
+        ] {
+            assert_says(header(text), part);
+        }
+        let long = format!("YUV4MPEG2 W2 H2 X{}\n", "x".repeat(2000));
+        assert_says(header(&long), "too long");
+    }
+
+    #[test]
+    fn an_unknown_frame_rate_is_25() {
+        for text in ["YUV4MPEG2 W2 H2\n", "YUV4MPEG2 W2 H2 F0:0\n"] {
+            assert_eq!(header(text).expect("valid").fps, (25, 1));
+        }
+    }
+
+    #[test]
+    fn other_colour_spaces_become_420() {
+        let gray = frames_of("mono", b"YUV4MPEG2 W3 H1 Cmono\nFRAME\nabc");
+        let picture = gray.into_iter().next().and_then(|f| f.picture.ok());
+        assert_eq!(
+            picture.map(|p| p.pixels),
+            Some(Pixels::Gray8(b"abc".to_vec()))
+        );
+
+        // 4 x 2 pixels; a row of U in 4:2:2 has 2 samples, in 4:4:4 it has 4.
+        let luma = [9; 8];
+        let chroma_422 = [10, 20, 30, 41, 1, 2, 3, 4];
+        let chroma_444 = [0, 4, 100, 100, 4, 8, 100, 103, 1, 1, 2, 2, 1, 1, 2, 2];
+        for (name, chroma, expected) in [
+            ("422", &chroma_422[..], [20, 31, 2, 3]),
+            ("444", &chroma_444[..], [4, 101, 1, 2]),
+        ] {
+            let mut stream = format!("YUV4MPEG2 W4 H2 C{name}\nFRAME\n").into_bytes();
+            stream.extend(luma);
+            stream.extend(chroma);
+            let frame = frames_of(name, &stream).into_iter().next();
+            let picture = frame.and_then(|f| f.picture.ok()).expect("a frame");
+            assert_eq!(
+                picture.pixels,
+                Pixels::I420([&luma[..], &expected].concat())
+            );
+        }
+    }
+
+    // ffmpeg
+
+    #[test]
+    fn a_missing_ffmpeg_is_named_with_its_remedy() {
+        let result = Ffmpeg::start_program("no-such-ffmpeg", &[]);
+        assert_says(
+            result,
+            "video needs ffmpeg: install it with `sudo apt-get install ffmpeg`",
+        );
+    }
+
+    #[test]
+    fn a_video_of_odd_size_is_cropped() {
+        let folder = Folder::new("odd-video");
+        // A colon and a blank in the name must not confuse ffmpeg.
+        let path = folder.0.join("a: b.mkv");
+        let arguments = "-f lavfi -i testsrc=size=65x49:rate=10:duration=1 -c:v ffv1";
+        let plain = folder.0.join("plain.mkv");
+        if !ffmpeg_makes(arguments, &plain) {
+            return;
+        }
+        fs::rename(plain, &path).expect("renames");
+        let frames: Vec<_> = Source::open(&[path]).expect("opens").collect();
+        assert_eq!(frames.len(), 10);
+        for (index, frame) in frames.into_iter().enumerate() {
+            assert_eq!(
+                (frame.frame, frame.kind),
+                (index as u64, Kind::Video { fps: (10, 1) })
+            );
+            let picture = frame.picture.expect("a frame");
+            assert_eq!((picture.width, picture.height), (64, 48));
+            let Pixels::I420(planes) = picture.pixels else {
+                unreachable!("video is 4:2:0");
+            };
+            assert_eq!(planes.len(), 64 * 48 * 3 / 2);
+        }
+    }
+
+    #[test]
+    fn a_rotated_video_is_turned() {
+        let folder = Folder::new("rotated");
+        let flat = folder.0.join("flat.mp4");
+        if !ffmpeg_makes("-f lavfi -i testsrc=size=64x48:rate=5:duration=1", &flat) {
+            return;
+        }
+        // The transformation in the track header, in 1/65536, 40 bytes after
+        // its name: a quarter turn instead of none.
+        let mut file = fs::read(&flat).expect("reads");
+        let name = file
+            .windows(4)
+            .position(|w| w == b"tkhd")
+            .expect("a header");
+        let turn: Vec<u8> = [0, 65536, 0, -65536, 0]
+            .iter()
+            .flat_map(|v: &i32| v.to_be_bytes())
+            .collect();
+        file[name + 4 + 40..][..turn.len()].copy_from_slice(&turn);
+        let rotated = folder.0.join("rotated.mp4");
+        fs::write(&rotated, file).expect("writes");
+        let frame = Source::open(&[rotated]).expect("opens").next();
+        let picture = frame.and_then(|f| f.picture.ok()).expect("a frame");
+        assert_eq!((picture.width, picture.height), (48, 64));
+    }
+
+    #[test]
+    fn ffmpegs_own_words_are_in_the_error() {
+        let folder = Folder::new("own-words");
+        let unused = folder.0.join("probe.mkv");
+        if !ffmpeg_makes(
+            "-f lavfi -i testsrc=size=320x240:rate=10:duration=4 -c:v ffv1",
+            &unused,
+        ) {
+            return;
+        }
+        let junk = folder.0.join("junk.mp4");
+        fs::write(&junk, "no video").expect("writes");
+        let cut = folder.0.join("cut.mkv");
+        let whole = fs::read(&unused).expect("reads");
+        fs::write(&cut, &whole[..whole.len() / 2]).expect("writes");
+        let mut frames: Vec<_> = Source::open(&[junk, cut]).expect("opens").collect();
+        assert!(frames.len() > 10, "the cut video has some frames");
+        assert_says(frames.remove(0).picture, "Invalid data found");
+        assert!(frames[0].picture.is_ok());
+        let last = frames.pop().expect("a last frame");
+        assert_says(last.picture, "ffmpeg says");
+    }
+
+    #[test]
+    fn dropping_a_video_ends_its_ffmpeg() {
+        let folder = Folder::new("dropped");
+        let path = folder.0.join("long.mkv");
+        if !ffmpeg_makes(
+            "-f lavfi -i testsrc=size=320x240:rate=25:duration=8 -c:v mpeg4",
+            &path,
+        ) {
+            return;
+        }
+        let mut source = Source::open(&[path]).expect("opens");
+        assert!(source.next().is_some_and(|f| f.picture.is_ok()));
+        // Waits for the child: would hang here if it was not killed.
+        drop(source);
+    }
+}

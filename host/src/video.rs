@@ -1,0 +1,267 @@
+//! Writes pictures into a video file.
+//!
+//! In: [`Canvas`]es of one size. Out: an MP4, MKV, MOV, AVI or WebM file, made
+//! by an `ffmpeg` child process that takes the raw RGB bytes on its standard
+//! input. One frame at a time is held; [`VideoWriter::write`] waits while
+//! ffmpeg is busy.
+
+use std::ffi::OsString;
+use std::io::Write;
+use std::path::Path;
+use std::process::ChildStdin;
+
+use anyhow::{Context, Result, anyhow, bail, ensure};
+
+use super::annotate::Canvas;
+use super::input::{CROP_TO_EVEN, Ffmpeg};
+
+/// A video that is being written. If it is dropped before
+/// [`finish`](Self::finish), ffmpeg is stopped and the file is useless.
+#[derive(Debug)]
+pub struct VideoWriter {
+    name: String,
+    width: u32,
+    height: u32,
+    /// Both are `None` once ffmpeg has failed.
+    pipe: Option<ChildStdin>,
+    ffmpeg: Option<Ffmpeg>,
+}
+
+impl VideoWriter {
+    /// Starts a video of frames of `width` x `height` pixels. `fps` is frames
+    /// per second as numerator and denominator. The extension chooses the
+    /// format: H.264 for mp4, m4v, mkv and mov, MPEG-4 part 2 for avi, VP9 for
+    /// webm. The last column or row of odd sizes is left out. An existing file
+    /// is overwritten, so it must not be the one that is being read.
+    ///
+    /// # Errors
+    /// If the extension is another one or there is no ffmpeg.
+    pub fn create(path: &Path, width: u32, height: u32, fps: (u32, u32)) -> Result<Self> {
+        let name = path.display().to_string();
+        ensure!(
+            fps.0 > 0 && fps.1 > 0,
+            "{name}: {}/{} is not a frame rate",
+            fps.0,
+            fps.1
+        );
+        let mut arguments: Vec<OsString> = [
+            "-y",
+            "-f",
+            "rawvideo",
+            "-pixel_format",
+            "rgb24",
+            "-video_size",
+            &format!("{width}x{height}"),
+            "-framerate",
+            &format!("{}/{}", fps.0, fps.1),
+            "-i",
+            "pipe:0",
+            "-vf",
+            CROP_TO_EVEN,
+        ]
+        .map(OsString::from)
+        .to_vec();
+        let encoder = encoder_arguments(path)?;
+        arguments.extend(encoder.iter().copied().map(OsString::from));
+        arguments.extend(["-pix_fmt", "yuv420p"].map(OsString::from));
+        // Keeps a name such as `a:b.mp4` from being read as a protocol.
+        let mut file = OsString::from("file:");
+        file.push(path);
+        arguments.push(file);
+
+        let mut ffmpeg = Ffmpeg::start(&arguments)?;
+        Ok(Self {
+            name,
+            width,
+            height,
+            pipe: ffmpeg.child.stdin.take(),
+            ffmpeg: Some(ffmpeg),
+        })
+    }
+
+    /// Adds a frame.
+    ///
+    /// # Errors
+    /// If it has another size than the video, or if ffmpeg has failed: then
+    /// its messages are in the error, and there is no use in writing more.
+    pub fn write(&mut self, frame: &Canvas) -> Result<()> {
+        ensure!(
+            (frame.width(), frame.height()) == (self.width, self.height),
+            "{}: a frame of {} x {} pixels does not fit a video of {} x {}",
+            self.name,
+            frame.width(),
+            frame.height(),
+            self.width,
+            self.height
+        );
+        let Some(pipe) = &mut self.pipe else {
+            bail!("{}: ffmpeg has failed before", self.name);
+        };
+        match pipe.write_all(frame.rgb()) {
+            Ok(()) => Ok(()),
+            // The pipe breaks when ffmpeg gives up: why is in its messages.
+            Err(error) => {
+                self.wait_for_ffmpeg()?;
+                Err(anyhow!("{}: cannot write to ffmpeg: {error}", self.name))
+            }
+        }
+    }
+
+    /// Completes the file.
+    ///
+    /// # Errors
+    /// If ffmpeg failed; its messages are in the error.
+    pub fn finish(mut self) -> Result<()> {
+        self.wait_for_ffmpeg()
+    }
+
+    fn wait_for_ffmpeg(&mut self) -> Result<()> {
+        self.pipe = None;
+        let Some(ffmpeg) = self.ffmpeg.take() else {
+            bail!("{}: ffmpeg has failed before", self.name);
+        };
+        ffmpeg
+            .finish()
+            .with_context(|| format!("cannot write the video {}", self.name))?;
+        Ok(())
+    }
+}
+
+fn encoder_arguments(path: &Path) -> Result<&'static [&'static str]> {
+    let extension = path
+        .extension()
+        .map(|extension| extension.to_string_lossy().to_ascii_lowercase());
+    match extension.as_deref() {
+        // The index at the front of the file lets a browser start playing.
+        Some("mp4" | "m4v" | "mov") => Ok(&["-c:v", "libx264", "-movflags", "+faststart"]),
+        Some("mkv") => Ok(&["-c:v", "libx264"]),
+        Some("avi") => Ok(&["-c:v", "mpeg4", "-q:v", "3"]),
+        Some("webm") => Ok(&[
+            "-c:v",
+            "libvpx-vp9",
+            "-deadline",
+            "realtime",
+            "-cpu-used",
+            "6",
+            "-row-mt",
+            "1",
+            "-crf",
+            "30",
+            "-b:v",
+            "0",
+        ]),
+        _ => bail!(
+            "cannot write {}: its name must end with .mp4, .m4v, .mkv, .mov, .avi or .webm",
+            path.display()
+        ),
+    }
+}
+
+// --------------------------------------------------------------------- tests
+
+#[cfg(test)]
+mod tests {
+    use super::super::annotate::{Outline, draw_label, draw_outline};
+    use super::super::input::scratch::{Folder, ffmpeg_makes};
+    use super::super::input::{Kind, Picture, Pixels, Source};
+    use super::*;
+
+    fn gray_canvas(width: u32, height: u32) -> Canvas {
+        Canvas::from_picture(&Picture {
+            width,
+            height,
+            pixels: Pixels::Gray8(vec![128; width as usize * height as usize]),
+        })
+    }
+
+    #[test]
+    fn a_video_is_read_annotated_and_written_in_every_format() {
+        let folder = Folder::new("round-trip");
+        let original = folder.0.join("original.mp4");
+        if !ffmpeg_makes(
+            "-f lavfi -i testsrc=size=160x120:rate=10:duration=1",
+            &original,
+        ) {
+            return;
+        }
+        let outline = Outline {
+            corners: [[30.0, 30.0], [130.0, 40.0], [120.0, 100.0], [40.0, 90.0]],
+            label: "test 1.00".into(),
+            colour_index: 1,
+        };
+        for extension in ["mp4", "mkv", "mov", "avi", "webm"] {
+            let copy = folder.0.join("copy").with_extension(extension);
+            let mut writer = VideoWriter::create(&copy, 160, 120, (10, 1)).expect("starts");
+            for frame in Source::open(std::slice::from_ref(&original)).expect("opens") {
+                let mut canvas = Canvas::from_picture(&frame.picture.expect("a frame"));
+                draw_outline(&mut canvas, &outline);
+                draw_label(&mut canvas, &outline);
+                writer.write(&canvas).expect("writes");
+            }
+            writer.finish().expect("finishes");
+            let frames: Vec<_> = Source::open(&[copy]).expect("opens").collect();
+            assert_eq!(frames.len(), 10, "{extension}");
+            assert_eq!(frames[0].kind, Kind::Video { fps: (10, 1) }, "{extension}");
+            let picture = frames[9].picture.as_ref().expect("a frame");
+            // Red on the right side of the outline, where the test card has none.
+            let canvas = Canvas::from_picture(picture);
+            let at = 3 * (70 * 160 + 125);
+            let [r, g, b] = [0, 1, 2].map(|c| i32::from(canvas.rgb()[at + c]));
+            assert!(r > g + 60 && r > b + 60, "{extension}: {r} {g} {b}");
+        }
+    }
+
+    #[test]
+    fn odd_sizes_lose_a_row_and_a_column() {
+        let folder = Folder::new("odd-writer");
+        let path = folder.0.join("odd.mp4");
+        let Ok(mut writer) = VideoWriter::create(&path, 33, 17, (25, 2)) else {
+            return ffmpeg_is_missing();
+        };
+        writer.write(&gray_canvas(33, 17)).expect("writes");
+        writer.finish().expect("finishes");
+        let frame = Source::open(&[path]).expect("opens").next();
+        let picture = frame.and_then(|f| f.picture.ok()).expect("a frame");
+        assert_eq!((picture.width, picture.height), (32, 16));
+    }
+
+    #[test]
+    fn ffmpegs_failure_is_told_in_its_own_words() {
+        let folder = Folder::new("failing-writer");
+        let path = folder.0.join("no-such-folder").join("out.mp4");
+        let Ok(mut writer) = VideoWriter::create(&path, 640, 480, (25, 1)) else {
+            return ffmpeg_is_missing();
+        };
+        // ffmpeg notices after the first frame; the pipe breaks some time later.
+        let frame = gray_canvas(640, 480);
+        let failed = (0..100).find_map(|_| writer.write(&frame).err());
+        let error = failed.expect("cannot go on for ever");
+        assert!(
+            format!("{error:#}").contains("No such file or directory"),
+            "{error:#}"
+        );
+        assert!(writer.write(&frame).is_err());
+        assert!(writer.finish().is_err());
+    }
+
+    #[test]
+    fn wrong_sizes_rates_and_names_are_refused() {
+        let folder = Folder::new("refusing-writer");
+        let create = |name: &str, fps| VideoWriter::create(&folder.0.join(name), 8, 8, fps);
+        let error = create("a.gif", (25, 1)).expect_err("no gif").to_string();
+        assert!(error.contains("must end with .mp4"), "{error}");
+        assert!(create("a.mp4", (25, 0)).is_err());
+        let Ok(mut writer) = create("a.mp4", (25, 1)) else {
+            return ffmpeg_is_missing();
+        };
+        let error = writer.write(&gray_canvas(8, 9)).expect_err("one row more");
+        assert!(error.to_string().contains("8 x 9"), "{error}");
+    }
+
+    fn ffmpeg_is_missing() {
+        let _ = writeln!(
+            std::io::stderr(),
+            "SKIPPED: cannot start ffmpeg to write a video"
+        );
+    }
+}
