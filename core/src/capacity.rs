@@ -79,13 +79,13 @@ impl Stage {
     }
 }
 
-/// Levels of the image pyramid: full, half and quarter size.
-pub const LEVELS: usize = 3;
+/// Levels of the image pyramid: full size down to an eighth.
+pub const LEVELS: usize = 4;
 
 /// Bytes of a luma pyramid whose lowest level has `pixels` pixels.
 #[must_use]
 pub const fn luma_bytes(pixels: usize) -> usize {
-    pixels + pixels / 4 + pixels / 16
+    pixels + pixels / 4 + pixels / 16 + pixels / 64
 }
 
 /// Bytes of one chroma pyramid (there are two) for frames of `pixels` pixels.

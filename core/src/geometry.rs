@@ -1,4 +1,5 @@
-//! Points and the two exact predicates that the triangulation stands on.
+//! Points, the two exact predicates that the triangulation stands on, and plane
+//! projective maps.
 //!
 //! In: points in 1/16 px. Out: signs without rounding error. Coordinates are
 //! never negative, so a difference fits 16 bits with its sign, products of two
@@ -72,6 +73,94 @@ pub fn in_circle(a: Point, b: Point, c: Point, d: Point) -> i64 {
         .wrapping_add(t(c2, ax * by - ay * bx))
 }
 
+/// A projective map of the plane, row-major, from px to px (pixel centres at
+/// integers).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Homography(pub [f32; 9]);
+
+impl Homography {
+    /// The map that changes nothing.
+    pub const IDENTITY: Self = Self([1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]);
+
+    /// The affine map `[a b c; d e f]`.
+    #[must_use]
+    pub const fn affine([a, b, c, d, e, f]: [f32; 6]) -> Self {
+        Self([a, b, c, d, e, f, 0.0, 0.0, 1.0])
+    }
+
+    /// Image of `p`; not finite on the line that goes to infinity.
+    #[must_use]
+    pub fn apply(&self, [x, y]: [f32; 2]) -> [f32; 2] {
+        let h = &self.0;
+        let w = h[6] * x + h[7] * y + h[8];
+        [(h[0] * x + h[1] * y + h[2]) / w, (h[3] * x + h[4] * y + h[5]) / w]
+    }
+
+    /// First `other`, then `self`.
+    #[must_use]
+    pub fn after(&self, other: &Self) -> Self {
+        let (a, b) = (&self.0, &other.0);
+        Self(core::array::from_fn(|i| {
+            let (r, c) = (i / 3 * 3, i % 3);
+            a[r] * b[c] + a[r + 1] * b[c + 3] + a[r + 2] * b[c + 6]
+        }))
+    }
+
+    /// The map back, up to scale; `None` when there is none.
+    #[must_use]
+    pub fn inverse(&self) -> Option<Self> {
+        let h = &self.0;
+        let minor = |a: usize, b: usize, c: usize, d: usize| h[a] * h[d] - h[b] * h[c];
+        let cofactors = [
+            minor(4, 5, 7, 8),
+            -minor(1, 2, 7, 8),
+            minor(1, 2, 4, 5),
+            -minor(3, 5, 6, 8),
+            minor(0, 2, 6, 8),
+            -minor(0, 2, 3, 5),
+            minor(3, 4, 6, 7),
+            -minor(0, 1, 6, 7),
+            minor(0, 1, 3, 4),
+        ];
+        let det = h[0] * cofactors[0] + h[1] * cofactors[3] + h[2] * cofactors[6];
+        (det != 0.0 && det.is_finite()).then(|| Self(cofactors.map(|c| c / det)))
+    }
+
+    /// The same map with its last element 1.
+    #[must_use]
+    pub fn normalised(&self) -> Self {
+        let last = self.0[8];
+        if last == 0.0 { *self } else { Self(self.0.map(|v| v / last)) }
+    }
+
+    /// Images of the corners `(0,0) (w,0) (w,h) (0,h)` of a picture.
+    #[must_use]
+    pub fn outline(&self, width: f32, height: f32) -> [[f32; 2]; 4] {
+        [[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]].map(|p| self.apply(p))
+    }
+}
+
+/// Signed area of a polygon, positive when it turns the x axis towards the y axis.
+#[must_use]
+pub fn area(outline: &[[f32; 2]]) -> f32 {
+    let n = outline.len();
+    let cross = |i: usize| {
+        let ([x0, y0], [x1, y1]) = (outline[i], outline[(i + 1) % n]);
+        x0 * y1 - x1 * y0
+    };
+    (0..n).map(cross).sum::<f32>() / 2.0
+}
+
+/// Whether a polygon with positive area turns the same way at every corner.
+#[must_use]
+pub fn is_convex(outline: &[[f32; 2]]) -> bool {
+    let n = outline.len();
+    (0..n).all(|i| {
+        let [a, b, c] = [0, 1, 2].map(|k| outline[(i + k) % n]);
+        (b[0] - a[0]) * (c[1] - b[1]) - (b[1] - a[1]) * (c[0] - b[0]) > 0.0
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -94,5 +183,28 @@ mod tests {
         assert_eq!(in_circle(a, b, c, P(0, m)), 0);
         assert!(in_circle(a, b, c, P(1, m - 1)) > 0);
         assert!(in_circle(a, b, P(m - 1, m - 1), P(0, m)) < 0);
+    }
+
+    #[test]
+    fn a_homography_and_its_inverse_cancel() {
+        let h = Homography([1.2, 0.3, 40.0, -0.2, 0.9, 25.0, 4e-4, -3e-4, 1.0]);
+        let back = h.inverse().unwrap();
+        for p in [[0.0, 0.0], [100.0, 20.0], [300.0, 200.0]] {
+            let q = back.apply(h.apply(p));
+            assert!((q[0] - p[0]).abs() < 1e-2 && (q[1] - p[1]).abs() < 1e-2, "{p:?} came back as {q:?}");
+        }
+        let i = h.after(&back).normalised();
+        assert!(i.0.iter().zip(Homography::IDENTITY.0).all(|(a, b)| (a - b).abs() < 1e-4), "{i:?}");
+        assert!(Homography([0.0; 9]).inverse().is_none());
+    }
+
+    #[test]
+    fn outlines_know_their_area_and_shape() {
+        let square = Homography::IDENTITY.outline(4.0, 3.0);
+        assert_eq!(area(&square), 12.0);
+        assert!(is_convex(&square));
+        let mut bow = square;
+        bow.swap(2, 3);
+        assert!(!is_convex(&bow));
     }
 }

@@ -105,7 +105,7 @@ impl<const LUMA: usize, const CHROMA: usize> Pyramid<LUMA, CHROMA> {
         if !Self::fits(w, h) {
             return Err(FrameError::TooLarge {
                 pixels: w * h,
-                max_pixels: LUMA / 21 * 16,
+                max_pixels: LUMA / 85 * 64,
                 side: w.max(h),
                 max_side: usize::MAX,
             });
@@ -266,7 +266,7 @@ mod tests {
 
     #[test]
     fn a_frame_that_does_not_fit_is_refused() {
-        let mut p: Pyramid<336, 84> = Pyramid::new();
+        let mut p: Pyramid<340, 85> = Pyramid::new();
         let data = [0; 17 * 17];
         assert!(p.load(&Frame::new(PixelFormat::Gray8, 16, 16, &data[..256]).unwrap()).is_ok());
         assert!(matches!(

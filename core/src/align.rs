@@ -1,0 +1,265 @@
+//! Does the frame look like the object where the pose says it is?
+//!
+//! In: the frame's pyramid, the object's template and a homography. Out: how well
+//! blocks of the template correlate with the frame. The frame is warped into the
+//! template; each of 6 x 6 blocks is correlated for itself (zero mean, unit
+//! spread), so that light may differ from block to block and a hidden part loses
+//! its blocks and not the object. Blocks without texture, or outside the frame,
+//! do not count.
+//!
+//! Memory: a few hundred bytes of stack. Cost: one bilinear sample for each pixel
+//! of the template (9,216 at most).
+
+use crate::capacity::LEVELS;
+use crate::frame::NO_CHROMA;
+use crate::geometry::{Homography, area, is_convex};
+use crate::math;
+use crate::model::Template;
+use crate::pyramid::{Plane, PyramidView};
+
+/// Blocks each way.
+pub const BLOCKS: usize = 6;
+
+/// Least spread of a block of the template, gray levels, for it to count.
+const LEAST_SPREAD: f32 = 5.0;
+
+/// How the frame correlates with the template, block by block.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Appearance {
+    /// Blocks that count.
+    pub blocks: u16,
+    /// Their median correlation, -1 to 1.
+    pub median: f32,
+    /// The correlation that a third of the blocks reach.
+    pub upper_third: f32,
+    /// Correlation of chroma over the whole object, -1 to 1; 0 when either has
+    /// too little chroma to tell.
+    pub chroma: f32,
+}
+
+/// Whether an outline can be that of a picture seen by a camera: convex, not
+/// mirrored, with an area of at least `min_area` px and no side shrunk more than
+/// `max_ratio` times against its opposite.
+#[must_use]
+pub fn is_plausible(outline: &[[f32; 2]; 4], min_area: f32, max_ratio: f32) -> bool {
+    if !outline.iter().flatten().all(|v| v.is_finite()) || area(outline) < min_area || !is_convex(outline) {
+        return false;
+    }
+    let side2 = |i: usize| {
+        let (a, b) = (outline[i], outline[(i + 1) % 4]);
+        (a[0] - b[0]) * (a[0] - b[0]) + (a[1] - b[1]) * (a[1] - b[1])
+    };
+    (0..2).all(|i| {
+        let (a, b) = (side2(i), side2(i + 2));
+        a.max(b) < max_ratio * max_ratio * a.min(b)
+    })
+}
+
+/// Running sums of a correlation.
+#[derive(Clone, Copy, Default)]
+struct Sums {
+    n: f32,
+    t: f32,
+    f: f32,
+    tt: f32,
+    ff: f32,
+    tf: f32,
+}
+
+impl Sums {
+    fn add(&mut self, t: f32, f: f32) {
+        self.n += 1.0;
+        self.t += t;
+        self.f += f;
+        self.tt += t * t;
+        self.ff += f * f;
+        self.tf += t * f;
+    }
+
+    /// Variance of the template, variance of the frame, covariance.
+    fn moments(&self) -> (f32, f32, f32) {
+        let n = self.n.max(1.0);
+        let (t, f) = (self.t / n, self.f / n);
+        (self.tt / n - t * t, self.ff / n - f * f, self.tf / n - t * f)
+    }
+}
+
+/// Template px to frame px, by a homography from picture px.
+#[must_use]
+pub fn from_template(h: &Homography, template: &Template<'_>, width: f32, height: f32) -> Homography {
+    let (sx, sy) = (width / template.width as f32, height / template.height as f32);
+    h.after(&Homography::affine([sx, 0.0, (sx - 1.0) / 2.0, 0.0, sy, (sy - 1.0) / 2.0]))
+}
+
+/// The pyramid level whose pixels are about as large in the frame as those of the
+/// template are under `h` (template px to frame px).
+fn level_for(h: &Homography, width: f32, height: f32) -> usize {
+    let a = area(&h.outline(width, height)).abs() / (width * height);
+    // Half a log2 of the area ratio, rounded.
+    let l = math::round(math::log2(a.max(1e-3)) / 2.0 - 0.2);
+    usize::try_from(l).unwrap_or(0).min(LEVELS - 1)
+}
+
+/// Correlates the frame under `h` (picture px to frame px) with the template of a
+/// picture of `width` x `height` px.
+#[must_use]
+pub fn appearance(
+    view: &PyramidView<'_>,
+    template: &Template<'_>,
+    h: &Homography,
+    width: f32,
+    height: f32,
+) -> Appearance {
+    let h = from_template(h, template, width, height);
+    let (tw, th) = (template.width, template.height);
+    let level = level_for(&h, tw as f32, th as f32);
+    let plane = view.luma(level);
+    let at_level = at_level(&h, level);
+    let mut sums = [Sums::default(); BLOCKS * BLOCKS];
+    for y in 0..th {
+        let row = y * BLOCKS / th * BLOCKS;
+        for x in 0..tw {
+            let p = at_level.apply([x as f32, y as f32]);
+            if let Some(f) = bilinear(&plane, p) {
+                sums[row + x * BLOCKS / tw].add(f32::from(template.luma[y * tw + x]), f);
+            }
+        }
+    }
+    let full = (tw * th / (BLOCKS * BLOCKS)) as f32;
+    let mut values = [0.0f32; BLOCKS * BLOCKS];
+    let mut n = 0;
+    for s in &sums {
+        let (t, f, tf) = s.moments();
+        if s.n >= 0.6 * full && t >= LEAST_SPREAD * LEAST_SPREAD {
+            // A flat frame block correlates with nothing.
+            values[n] = tf / math::sqrt(t * f.max(4.0));
+            n += 1;
+        }
+    }
+    let values = &mut values[..n];
+    values.sort_unstable_by(f32::total_cmp);
+    let at = |q: usize| values.get(n * q / 12).copied().unwrap_or(0.0);
+    Appearance {
+        blocks: u16::try_from(n).unwrap_or(0),
+        median: at(6),
+        upper_third: at(8),
+        chroma: chroma_correlation(view, template, &h, level),
+    }
+}
+
+/// The same map into a pyramid level.
+fn at_level(h: &Homography, level: usize) -> Homography {
+    let s = 1.0 / f32::from(1u8 << level);
+    Homography::affine([s, 0.0, (s - 1.0) / 2.0, 0.0, s, (s - 1.0) / 2.0]).after(h)
+}
+
+/// Bilinear sample; `None` outside the plane.
+fn bilinear(plane: &Plane<'_, u8>, [x, y]: [f32; 2]) -> Option<f32> {
+    let (w, h) = (plane.width() as f32, plane.height() as f32);
+    if !(x >= 0.0 && y >= 0.0 && x < w - 1.0 && y < h - 1.0) {
+        return None;
+    }
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "inside the plane")]
+    let (ix, iy) = (x as usize, y as usize);
+    let (fx, fy) = (x - ix as f32, y - iy as f32);
+    let (top, low) = (&plane.row(iy)[ix..ix + 2], &plane.row(iy + 1)[ix..ix + 2]);
+    let mix = |r: &[u8]| f32::from(r[0]) + fx * (f32::from(r[1]) - f32::from(r[0]));
+    let (a, b) = (mix(top), mix(low));
+    Some(a + fy * (b - a))
+}
+
+fn chroma_correlation(view: &PyramidView<'_>, template: &Template<'_>, h: &Homography, level: usize) -> f32 {
+    let (cw, ch) = (template.width / 2, template.height / 2);
+    let planes = view.chroma(level.min(LEVELS - 1));
+    // Chroma px are twice as large on both sides, so the same level fits.
+    let to = at_level(&h.after(&Homography::affine([2.0, 0.0, 0.5, 0.0, 2.0, 0.5])), level + 1);
+    let mut sums = [Sums::default(); 2];
+    for y in 0..ch {
+        for x in 0..cw {
+            let [u, v] = to.apply([x as f32, y as f32]);
+            let inside = u >= 0.0 && v >= 0.0 && u < planes[0].width() as f32 && v < planes[0].height() as f32;
+            let t = template.chroma.map(|c| c[y * cw + x].cast_signed());
+            let f = planes.map(|p| p.nearest(math::round(u), math::round(v)));
+            if inside && t[0] != NO_CHROMA && f[0] != NO_CHROMA {
+                for i in 0..2 {
+                    sums[i].add(f32::from(t[i]), f32::from(f[i]));
+                }
+            }
+        }
+    }
+    let [a, b] = sums.map(|s| s.moments());
+    let (t, f, tf) = (a.0 + b.0, a.1 + b.1, a.2 + b.2);
+    // Less than four steps of 127: noise.
+    if t < 16.0 || f < 16.0 { 0.0 } else { tf / math::sqrt(t * f) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::frame::{Frame, PixelFormat};
+    use crate::pyramid::Pyramid;
+    use std::prelude::rust_2024::*;
+    use std::vec;
+
+    const SIDE: usize = 48;
+
+    /// A texture without repetition.
+    fn texture(x: f32, y: f32) -> f32 {
+        128.0 + 50.0 * (x * 0.31 + (y * 0.17).sin() * 2.0).sin() + 50.0 * (y * 0.23 + (x * 0.11).cos() * 3.0).sin()
+    }
+
+    fn setup(hide: bool) -> (Box<Pyramid<40_000, 10_000>>, Vec<u8>, Homography) {
+        let h = Homography::affine([1.4, 0.3, 20.0, -0.3, 1.4, 30.0]);
+        let inverse = h.inverse().unwrap();
+        let frame: Vec<u8> = (0..160 * 120)
+            .map(|i| {
+                let [x, y] = inverse.apply([(i % 160) as f32, (i / 160) as f32]);
+                let hidden = hide && x < 16.0;
+                (if hidden { 0.0 } else { texture(x, y) * 0.6 } + 10.0) as u8
+            })
+            .collect();
+        let mut p = Box::new(Pyramid::new());
+        p.load(&Frame::new(PixelFormat::Gray8, 160, 120, &frame).unwrap()).unwrap();
+        p.reduce();
+        let mut template = vec![0u8; SIDE * SIDE * 3 / 2];
+        for i in 0..SIDE * SIDE {
+            template[i] = texture((i % SIDE) as f32, (i / SIDE) as f32) as u8;
+        }
+        (p, template, h)
+    }
+
+    fn template(data: &[u8]) -> Template<'_> {
+        let (n, c) = (SIDE * SIDE, SIDE * SIDE / 4);
+        Template { width: SIDE, height: SIDE, luma: &data[..n], chroma: [&data[n..n + c], &data[n + c..]] }
+    }
+
+    #[test]
+    fn the_right_place_correlates_and_a_wrong_one_does_not() {
+        let (p, data, h) = setup(false);
+        let side = SIDE as f32;
+        let right = appearance(&p.view(), &template(&data), &h, side, side);
+        assert!(right.median > 0.95 && right.blocks == 36, "{right:?}");
+        let moved = Homography::affine([1.4, 0.3, 36.0, -0.3, 1.4, 42.0]);
+        let wrong = appearance(&p.view(), &template(&data), &moved, side, side);
+        assert!(wrong.median < 0.5, "{wrong:?}");
+        assert_eq!(right.chroma, 0.0, "a gray frame has no chroma");
+    }
+
+    #[test]
+    fn hiding_a_third_leaves_the_median() {
+        let (p, data, h) = setup(true);
+        let a = appearance(&p.view(), &template(&data), &h, SIDE as f32, SIDE as f32);
+        assert!(a.median > 0.9, "{a:?}");
+    }
+
+    #[test]
+    fn implausible_outlines_are_told() {
+        let ok = |o: [[f32; 2]; 4]| is_plausible(&o, 100.0, 3.0);
+        assert!(ok([[0.0, 0.0], [50.0, 5.0], [48.0, 60.0], [-3.0, 55.0]]));
+        assert!(!ok([[0.0, 0.0], [-3.0, 55.0], [48.0, 60.0], [50.0, 5.0]]), "mirrored");
+        assert!(!ok([[0.0, 0.0], [5.0, 0.0], [5.0, 5.0], [0.0, 5.0]]), "tiny");
+        assert!(!ok([[0.0, 0.0], [50.0, 0.0], [5.0, 5.0], [0.0, 50.0]]), "not convex");
+        assert!(!ok([[0.0, 0.0], [90.0, 0.0], [55.0, 40.0], [45.0, 40.0]]), "too steep");
+        assert!(!ok([[f32::NAN; 2]; 4]), "not finite");
+    }
+}

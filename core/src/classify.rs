@@ -1,0 +1,177 @@
+//! Which model keygraphs a frame keygraph looks like.
+//!
+//! In: a frame keygraph and its feature. Out: its nearest neighbours among the
+//! model keygraphs whose angles agree within a tolerance. Every partition subset
+//! that the tolerance touches is looked at (the paper looks at one); in a subset
+//! sorted by its largest angle only the run within the tolerance is read; keys
+//! are compared before features; a comparison ends as soon as it cannot win.
+//!
+//! Memory: [`Match`], 8 bytes. Cost: the run lengths; the heart of the detector.
+
+use crate::capacity::FEATURE_BYTES;
+use crate::feature::Feature;
+use crate::keygraph::{BIN, Key, LARGEST_BINS, SECOND_BINS, cell_of};
+use crate::model::{KEY, Model};
+
+/// What counts as a match.
+#[derive(Clone, Copy, Debug)]
+pub struct MatchRule {
+    /// Tolerance of both angles, half-degrees, for a triangle with long sides.
+    /// Raising it finds more under tilt and reads more of the model.
+    pub tolerance: u8,
+    /// A pixel of noise turns a short side: this over the shortest side in px is
+    /// added to the tolerance, half-degrees.
+    pub tolerance_px: u16,
+    /// Most that the size in the frame may differ from the size in the view,
+    /// sixteenths of an octave. Corners come back at the scale at which they
+    /// were trained, so a triangle of another size is another triangle.
+    pub size_window: u8,
+    /// Most that a feature byte may differ on average, 1/16.
+    pub max_distance: u16,
+    /// Whether only the subset that the key falls into is searched, and the
+    /// nearest alone is kept: the paper.
+    pub one_cell: bool,
+}
+
+/// A model keygraph that a frame keygraph looks like.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Match {
+    /// Index of the model keygraph.
+    pub keygraph: u32,
+    /// Sum of absolute differences of the feature bytes.
+    pub distance: u16,
+}
+
+/// The nearest neighbour and the next.
+pub type Nearest = [Option<Match>; 2];
+
+/// Finds the best two matches of a keygraph with this key, size, shortest side
+/// (px) and feature.
+#[must_use]
+pub fn classify(
+    model: &Model<'_>,
+    key: Key,
+    size: u8,
+    shortest: u8,
+    feature: &Feature,
+    rule: &MatchRule,
+) -> Nearest {
+    let bytes = model.feature().bytes();
+    let mut search = Search {
+        keys: model.keys(),
+        features: model.features(),
+        feature: &feature[..bytes],
+        size,
+        rule,
+        limit: bytes as u32 * u32::from(rule.max_distance) / 16 + 1,
+        best: [None; 2],
+    };
+    if rule.one_cell {
+        search.run(model.cell(key.cell()), 0, u8::MAX, 0, u8::MAX);
+        search.best[1] = None;
+        return search.best;
+    }
+    let noise = rule.tolerance_px / u16::from(shortest.max(1));
+    let tolerance = rule.tolerance.saturating_add(u8::try_from(noise).unwrap_or(u8::MAX));
+    let (s0, s1) = (key.second.saturating_sub(tolerance), key.second.saturating_add(tolerance));
+    let (l0, l1) = (key.largest.saturating_sub(tolerance), key.largest.saturating_add(tolerance));
+    let bins = |from: u8, to: u8, n: usize| from / BIN..=(to / BIN).min(u8::try_from(n - 1).unwrap_or(0));
+    for second in bins(s0, s1, SECOND_BINS) {
+        for largest in bins(l0, l1, LARGEST_BINS) {
+            search.run(model.cell(cell_of(key.mirrored, second, largest)), s0, s1, l0, l1);
+        }
+    }
+    search.best
+}
+
+struct Search<'a> {
+    keys: &'a [u8],
+    features: &'a [u8],
+    feature: &'a [u8],
+    size: u8,
+    rule: &'a MatchRule,
+    /// Only distances below this are of interest.
+    limit: u32,
+    best: Nearest,
+}
+
+impl Search<'_> {
+    fn run(&mut self, cell: core::ops::Range<usize>, s0: u8, s1: u8, l0: u8, l1: u8) {
+        let n = self.feature.len();
+        let keys = &self.keys[KEY * cell.start..KEY * cell.end];
+        let skipped = partition_point(keys, l0);
+        let features = &self.features[n * (cell.start + skipped)..n * cell.end];
+        let window = self.rule.size_window;
+        let candidates = keys[KEY * skipped..].chunks_exact(KEY).zip(features.chunks_exact(n));
+        for (i, (key, feature)) in candidates.enumerate() {
+            if key[0] > l1 {
+                break;
+            }
+            if key[1] < s0 || key[1] > s1 || key[2].abs_diff(self.size) > window {
+                continue;
+            }
+            let Some(distance) = distance(feature, self.feature, self.limit) else { continue };
+            let keygraph = u32::try_from(cell.start + skipped + i).unwrap_or(u32::MAX);
+            self.keep(Match { keygraph, distance: u16::try_from(distance).unwrap_or(u16::MAX) });
+        }
+    }
+
+    fn keep(&mut self, m: Match) {
+        let [first, second] = &mut self.best;
+        if first.is_none_or(|f| m.distance < f.distance) {
+            *second = first.replace(m);
+        } else {
+            *second = Some(m);
+        }
+        if let Some(s) = second {
+            self.limit = u32::from(s.distance);
+        }
+    }
+}
+
+/// How many of `keys` come before the first whose largest angle reaches `l0`.
+fn partition_point(keys: &[u8], l0: u8) -> usize {
+    let (mut low, mut high) = (0, keys.len() / KEY);
+    while low < high {
+        let mid = usize::midpoint(low, high);
+        if keys[KEY * mid] < l0 {
+            low = mid + 1;
+        } else {
+            high = mid;
+        }
+    }
+    low
+}
+
+/// Sum of absolute differences if it stays below `limit`.
+#[must_use]
+pub fn distance(a: &[u8], b: &[u8], limit: u32) -> Option<u32> {
+    const { assert!(FEATURE_BYTES.is_multiple_of(12)) };
+    let mut sum = 0;
+    for (a, b) in a.chunks_exact(12).zip(b.chunks_exact(12)) {
+        sum += a.iter().zip(b).map(|(a, b)| u32::from(a.abs_diff(*b))).sum::<u32>();
+        if sum >= limit {
+            return None;
+        }
+    }
+    Some(sum)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn distance_gives_up_at_the_limit() {
+        let (a, b) = ([10u8; 36], [13u8; 36]);
+        assert_eq!(distance(&a, &b, 109), Some(108));
+        assert_eq!(distance(&a, &b, 108), None);
+        assert_eq!(distance(&a[..12], &b[..12], 1000), Some(36));
+    }
+
+    #[test]
+    fn runs_start_where_the_angle_does() {
+        let keys = [5, 0, 0, 7, 0, 0, 7, 0, 0, 9, 0, 0];
+        assert_eq!([4, 5, 6, 7, 8, 9, 10].map(|l| partition_point(&keys, l)), [0, 0, 1, 1, 3, 3, 4]);
+    }
+}

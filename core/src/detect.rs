@@ -1,0 +1,578 @@
+//! The detector: owns every buffer and runs the stages in order.
+//!
+//! In: a frame and a model. Out: where the model's objects are. The pipeline can
+//! be read top to bottom in [`Detector::detect_with`].
+//!
+//! Memory: the size of [`Detector`], asserted below for each profile; it lives in
+//! a `static` through `const fn new()` and is all zero there. Cost: the sum of
+//! the stages, timed by the caller's clock. Full: each stage counts what it
+//! dropped in [`Stats`].
+
+use core::mem::size_of;
+
+use heapless::{Vec, VecView};
+
+use crate::align::{Appearance, appearance, is_plausible};
+use crate::capacity::{CANDIDATES, DETECTIONS, FEATURE_BYTES, LEVELS, Stage, StageStats, chroma_bytes, luma_bytes};
+use crate::classify::{MatchRule, classify};
+use crate::corners::{Corner, SCRATCH_ROWS, detect_corners, rank_by_radius, rank_by_strength};
+use crate::delaunay::{Triangulation, Triple, triangulate};
+use crate::feature::{Feature, extract};
+use crate::frame::{Frame, FrameError};
+use crate::geometry::{Homography, Point, area};
+use crate::keygraph::{Keygraph, collect_keygraphs};
+use crate::math;
+use crate::method::{Parameters, Ranking};
+use crate::model::Model;
+use crate::pose::{Grown, Normalised, Pair, collect_pairs, grow};
+use crate::pyramid::{Plane, Pyramid, to_level0};
+use crate::vote::{Bin, Candidate, Vote, cast, vote};
+
+/// Detections below this score are not reported unless the caller asks for them.
+pub const DEFAULT_THRESHOLD: f32 = 0.5;
+
+/// One instance of an object in a frame.
+#[derive(Clone, Copy, Debug)]
+pub struct Detection {
+    /// Index of the object in the model.
+    pub object: u16,
+    /// Picture px to frame px, last element 1.
+    pub homography: Homography,
+    /// Images of the picture's corners `(0,0) (w,0) (w,h) (0,h)`, frame px.
+    pub corners: [[f32; 2]; 4],
+    /// Estimate of the probability that the detection is right, 0 to 1.
+    pub score: f32,
+    /// Keygraphs whose three vertices agree with the pose.
+    pub votes: u16,
+    /// Distinct frame corners that agree with the pose.
+    pub agreeing: u16,
+    /// How the frame looks there.
+    pub appearance: Appearance,
+}
+
+/// What the stages did with one frame.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Stats {
+    /// Counts by stage, in the order of [`Stage::ALL`].
+    pub stages: [StageStats; Stage::COUNT],
+    /// Clock ticks by stage, in the same order.
+    pub ticks: [u64; Stage::COUNT],
+}
+
+/// Where keypoints and triples of a frame come from: the framework is open to
+/// others than our corners and their triangulation.
+pub trait Finder {
+    /// Appends the keypoints of pyramid level `level` to `out`, which is empty,
+    /// best first, in px of that level.
+    fn keypoints(&mut self, luma: Plane<'_, u8>, level: usize, out: &mut VecView<Corner>) -> StageStats;
+
+    /// Appends triples of indices into `points` (best first) to `out`, which is
+    /// empty.
+    fn triples(&mut self, points: &[Point], out: &mut VecView<Triple>) -> StageStats;
+}
+
+/// Finder of Shi-Tomasi corners and nested Delaunay triangles.
+#[derive(Debug)]
+struct Corners<const SIDE: usize, const POINTS: usize> {
+    scratch: [[i32; SIDE]; SCRATCH_ROWS],
+    mesh: Triangulation<POINTS>,
+    rules: Option<&'static Parameters>,
+}
+
+impl<const SIDE: usize, const POINTS: usize> Finder for Corners<SIDE, POINTS> {
+    fn keypoints(&mut self, luma: Plane<'_, u8>, level: usize, out: &mut VecView<Corner>) -> StageStats {
+        let Some(rules) = self.rules else { return StageStats::default() };
+        let limit = rules.corner_limits[level].min(POINTS);
+        if limit == 0 {
+            return StageStats::default();
+        }
+        let mut stats = detect_corners(luma, &rules.corners, self.scratch.as_flattened_mut(), out);
+        match rules.ranking {
+            Ranking::Radius => rank_by_radius(out, limit, &mut stats),
+            Ranking::Strength(apart) => rank_by_strength(out, apart, limit),
+        }
+        stats.kept = u32::try_from(out.len()).unwrap_or(u32::MAX);
+        stats
+    }
+
+    fn triples(&mut self, points: &[Point], out: &mut VecView<Triple>) -> StageStats {
+        let prefixes = self.rules.map_or(&[][..], |r| r.prefixes);
+        triangulate(points, prefixes, self.mesh.workspace(), out)
+    }
+}
+
+/// Everything that a detector owns, sized at compile time. Use a profile:
+/// [`QqvgaDetector`], [`QvgaDetector`], [`VgaDetector`], [`HdDetector`].
+///
+/// `LUMA` and `CHROMA` are bytes of the pyramids, `SIDE` the longest side of a
+/// frame, `CORNERS` candidates for corners, `POINTS` corners on a level,
+/// `KEYGRAPHS` triples, keygraphs, votes and vertex pairs, `BINS` bins of votes.
+#[derive(Debug)]
+pub struct Detector<
+    const LUMA: usize,
+    const CHROMA: usize,
+    const SIDE: usize,
+    const CORNERS: usize,
+    const POINTS: usize,
+    const KEYGRAPHS: usize,
+    const BINS: usize,
+> {
+    finder: Corners<SIDE, POINTS>,
+    stages: Stages<LUMA, CHROMA, CORNERS, KEYGRAPHS, BINS>,
+}
+
+/// Frames of up to 160 x 120 px.
+pub type QqvgaDetector = Detector<{ luma_bytes(160 * 120) }, { chroma_bytes(160 * 120) }, 160, 320, 160, 384, 768>;
+/// Frames of up to 320 x 240 px.
+pub type QvgaDetector = Detector<{ luma_bytes(320 * 240) }, { chroma_bytes(320 * 240) }, 320, 800, 256, 1024, 2048>;
+/// Frames of up to 640 x 480 px.
+pub type VgaDetector = Detector<{ luma_bytes(640 * 480) }, { chroma_bytes(640 * 480) }, 640, 2000, 512, 4096, 32768>;
+/// Frames of up to 1280 x 720 px.
+pub type HdDetector = Detector<{ luma_bytes(1280 * 720) }, { chroma_bytes(1280 * 720) }, 1280, 4000, 1024, 8192, 65536>;
+
+/// The budgets hold the detector and one raw frame of two bytes a pixel.
+const fn with_frame(detector: usize, pixels: usize) -> usize {
+    detector + 2 * pixels
+}
+const _: () = assert!(with_frame(size_of::<QqvgaDetector>(), 160 * 120) <= 160 << 10, "qqvga exceeds 160 KB");
+const _: () = assert!(with_frame(size_of::<QvgaDetector>(), 320 * 240) <= 480 << 10, "qvga exceeds 480 KB");
+const _: () = assert!(with_frame(size_of::<VgaDetector>(), 640 * 480) <= 4 << 20, "vga exceeds 4 MB");
+const _: () = assert!(with_frame(size_of::<HdDetector>(), 1280 * 720) <= 12 << 20, "hd exceeds 12 MB");
+
+impl<
+    const LUMA: usize,
+    const CHROMA: usize,
+    const SIDE: usize,
+    const CORNERS: usize,
+    const POINTS: usize,
+    const KEYGRAPHS: usize,
+    const BINS: usize,
+> Default for Detector<LUMA, CHROMA, SIDE, CORNERS, POINTS, KEYGRAPHS, BINS>
+{
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl<
+    const LUMA: usize,
+    const CHROMA: usize,
+    const SIDE: usize,
+    const CORNERS: usize,
+    const POINTS: usize,
+    const KEYGRAPHS: usize,
+    const BINS: usize,
+> Detector<LUMA, CHROMA, SIDE, CORNERS, POINTS, KEYGRAPHS, BINS>
+{
+    /// Longest side of a frame, px.
+    pub const MAX_SIDE: usize = SIDE;
+    /// Most pixels of a frame.
+    pub const MAX_PIXELS: usize = LUMA / 85 * 64;
+
+    /// An idle detector, all zero.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self {
+            finder: Corners { scratch: [[0; SIDE]; SCRATCH_ROWS], mesh: Triangulation::new(), rules: None },
+            stages: Stages::new(),
+        }
+    }
+
+    /// Looks for the model's objects in `frame`: all that score at least
+    /// `threshold`, best first. `clock` is read between the stages.
+    ///
+    /// # Errors
+    /// [`FrameError::TooLarge`] when the frame exceeds the profile.
+    pub fn detect(
+        &mut self,
+        frame: &Frame<'_>,
+        model: &Model<'_>,
+        threshold: f32,
+        clock: &mut dyn FnMut() -> u64,
+    ) -> Result<&[Detection], FrameError> {
+        self.finder.rules = Some(model.method().parameters());
+        Self::check(frame)?;
+        self.stages.detect(frame, model, threshold, clock, &mut self.finder)
+    }
+
+    /// The same with keypoints and triples from elsewhere.
+    ///
+    /// # Errors
+    /// [`FrameError::TooLarge`] when the frame exceeds the profile.
+    pub fn detect_with(
+        &mut self,
+        frame: &Frame<'_>,
+        model: &Model<'_>,
+        threshold: f32,
+        clock: &mut dyn FnMut() -> u64,
+        finder: &mut impl Finder,
+    ) -> Result<&[Detection], FrameError> {
+        Self::check(frame)?;
+        self.stages.detect(frame, model, threshold, clock, finder)
+    }
+
+    fn check(frame: &Frame<'_>) -> Result<(), FrameError> {
+        let (w, h) = (frame.width(), frame.height());
+        if w.max(h) > SIDE || !Pyramid::<LUMA, CHROMA>::fits(w, h) {
+            let (pixels, side) = (w * h, w.max(h));
+            return Err(FrameError::TooLarge { pixels, max_pixels: Self::MAX_PIXELS, side, max_side: SIDE });
+        }
+        Ok(())
+    }
+
+    /// What was found in the last frame.
+    #[must_use]
+    pub fn detections(&self) -> &[Detection] {
+        &self.stages.detections
+    }
+
+    /// What the stages did with the last frame.
+    #[must_use]
+    pub const fn stats(&self) -> &Stats {
+        &self.stages.stats
+    }
+
+    /// The corners of the last frame, frame px.
+    pub fn corners(&self) -> impl Iterator<Item = [f32; 2]> + '_ {
+        let s = &self.stages;
+        (0..LEVELS).flat_map(|l| s.points[s.range(l)].iter().map(move |&p| to_level0(p, l)))
+    }
+
+    /// The triangles of the last frame that were classified, frame px.
+    pub fn keygraphs(&self) -> impl Iterator<Item = [[f32; 2]; 3]> + '_ {
+        self.stages.keygraphs.iter().map(|k| self.stages.vertices(k).map(|(_, p)| p))
+    }
+
+    /// The triangles of the last frame that agree with a detection, frame px.
+    pub fn supporters<'a>(
+        &'a self,
+        model: &'a Model<'_>,
+        detection: &'a Detection,
+    ) -> impl Iterator<Item = [[f32; 2]; 3]> + 'a {
+        let agrees = Agreement::new(detection);
+        self.stages.votes.iter().filter_map(move |v| {
+            let to = self.stages.vertices(&self.stages.keygraphs[usize::from(v.frame_keygraph)]).map(|(_, p)| p);
+            agrees.holds(model, v, to).then_some(to)
+        })
+    }
+}
+
+/// Whether votes agree with a pose.
+struct Agreement {
+    object: u16,
+    homography: Homography,
+    radius2: f32,
+}
+
+impl Agreement {
+    fn new(d: &Detection) -> Self {
+        let radius = (0.025 * math::sqrt(area(&d.corners).abs())).max(2.0);
+        Self { object: d.object, homography: d.homography, radius2: radius * radius }
+    }
+
+    fn holds(&self, model: &Model<'_>, v: &Vote, to: [[f32; 2]; 3]) -> bool {
+        if v.object != self.object {
+            return false;
+        }
+        let (view, from) = model.keygraph(v.model_keygraph as usize);
+        let h = self.homography.after(&model.view(view).to_picture);
+        from.iter().zip(to).all(|(from, to)| {
+            let p = h.apply(from.px());
+            let (dx, dy) = (p[0] - to[0], p[1] - to[1]);
+            dx * dx + dy * dy < self.radius2
+        })
+    }
+}
+
+/// The buffers between the stages.
+#[derive(Debug)]
+struct Stages<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAPHS: usize, const BINS: usize> {
+    pyramid: Pyramid<LUMA, CHROMA>,
+    corners: Vec<Corner, CORNERS>,
+    /// Keypoints of all levels, lowest level first.
+    points: Vec<Point, CORNERS>,
+    /// Where the keypoints of each level end.
+    ends: [u16; LEVELS],
+    triples: Vec<Triple, KEYGRAPHS>,
+    keygraphs: Vec<Keygraph, KEYGRAPHS>,
+    features: [Feature; KEYGRAPHS],
+    votes: Vec<Vote, KEYGRAPHS>,
+    bins: [Bin; BINS],
+    candidates: Vec<Candidate, CANDIDATES>,
+    pairs: Vec<Pair, KEYGRAPHS>,
+    detections: Vec<Detection, DETECTIONS>,
+    stats: Stats,
+}
+
+impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAPHS: usize, const BINS: usize>
+    Stages<LUMA, CHROMA, CORNERS, KEYGRAPHS, BINS>
+{
+    const FITS: () = assert!(
+        CORNERS <= u16::MAX as usize && KEYGRAPHS < u16::MAX as usize,
+        "ids are u16: lower CORNERS or KEYGRAPHS"
+    );
+
+    const fn new() -> Self {
+        let () = Self::FITS;
+        Self {
+            pyramid: Pyramid::new(),
+            corners: Vec::new(),
+            points: Vec::new(),
+            ends: [0; LEVELS],
+            triples: Vec::new(),
+            keygraphs: Vec::new(),
+            features: [[0; FEATURE_BYTES]; KEYGRAPHS],
+            votes: Vec::new(),
+            bins: [Bin::FREE; BINS],
+            candidates: Vec::new(),
+            pairs: Vec::new(),
+            detections: Vec::new(),
+            stats: Stats { stages: [StageStats { seen: 0, kept: 0, dropped: 0 }; Stage::COUNT], ticks: [0; Stage::COUNT] },
+        }
+    }
+
+    fn vertices(&self, k: &Keygraph) -> [(u16, [f32; 2]); 3] {
+        k.vertices.map(|v| (v, to_level0(self.points[usize::from(v)], usize::from(k.level))))
+    }
+
+    /// The keypoints of a level.
+    fn range(&self, level: usize) -> core::ops::Range<usize> {
+        let start = if level == 0 { 0 } else { self.ends[level - 1] };
+        usize::from(start)..usize::from(self.ends[level])
+    }
+
+    fn detect(
+        &mut self,
+        frame: &Frame<'_>,
+        model: &Model<'_>,
+        threshold: f32,
+        clock: &mut dyn FnMut() -> u64,
+        finder: &mut impl Finder,
+    ) -> Result<&[Detection], FrameError> {
+        self.stats = Stats::default();
+        self.detections.clear();
+        let rules = model.method().parameters();
+        let mut last = clock();
+        let mut lap = |stats: &mut Stats, stage: Stage| {
+            let now = clock();
+            stats.ticks[stage as usize] += now.wrapping_sub(last);
+            last = now;
+        };
+
+        self.pyramid.load(frame)?;
+        lap(&mut self.stats, Stage::Convert);
+        self.pyramid.reduce();
+        lap(&mut self.stats, Stage::Pyramid);
+
+        self.points.clear();
+        self.keygraphs.clear();
+        for level in 0..LEVELS {
+            self.find_keypoints(level, finder);
+            lap(&mut self.stats, Stage::Corners);
+            self.find_triples(level, finder);
+            lap(&mut self.stats, Stage::Delaunay);
+            self.find_keygraphs(level, rules);
+            lap(&mut self.stats, Stage::Keygraphs);
+        }
+        self.extract_features(model, rules);
+        lap(&mut self.stats, Stage::Features);
+        self.find_matches(model, rules);
+        lap(&mut self.stats, Stage::Classify);
+        let candidates = &mut self.candidates;
+        *stage(&mut self.stats, Stage::Vote) = vote(&self.votes, &rules.voting, &mut self.bins, candidates);
+        candidates.truncate(rules.candidates);
+        lap(&mut self.stats, Stage::Vote);
+        for i in 0..self.candidates.len() {
+            let candidate = self.candidates[i];
+            let grown = self.grow(model, &candidate, rules);
+            lap(&mut self.stats, Stage::Pose);
+            if let Some(g) = grown {
+                self.accept(model, &candidate, &g, rules, threshold);
+            }
+            lap(&mut self.stats, Stage::Accept);
+        }
+        self.detections.sort_unstable_by(|a, b| b.score.total_cmp(&a.score));
+        Ok(&self.detections)
+    }
+
+    fn find_keypoints(&mut self, level: usize, finder: &mut impl Finder) {
+        self.corners.clear();
+        let luma = self.pyramid.view().luma(level);
+        if luma.width().min(luma.height()) >= 8 {
+            let mut stats = finder.keypoints(luma, level, &mut self.corners);
+            let room = self.points.capacity() - self.points.len();
+            let lost = self.corners.len().saturating_sub(room);
+            // As many as fit.
+            self.points.extend(self.corners.iter().take(room).map(|c| c.point));
+            stats.kept -= count(lost);
+            stats.dropped += count(lost);
+            add(stage(&mut self.stats, Stage::Corners), stats);
+        }
+        self.ends[level] = u16::try_from(self.points.len()).unwrap_or(u16::MAX);
+    }
+
+    fn find_triples(&mut self, level: usize, finder: &mut impl Finder) {
+        self.triples.clear();
+        let points = &self.points[self.range(level)];
+        let stats = finder.triples(points, &mut self.triples);
+        add(stage(&mut self.stats, Stage::Delaunay), stats);
+    }
+
+    fn find_keygraphs(&mut self, level: usize, rules: &Parameters) {
+        let range = self.range(level);
+        let n = u16::try_from(range.len()).unwrap_or(0);
+        // A foreign finder may err; a triple of what is not there is no triple.
+        self.triples.retain(|t| t.iter().all(|&v| v < n));
+        let first = u16::try_from(range.start).unwrap_or(0);
+        let level = u8::try_from(level).unwrap_or(0);
+        let points = &self.points[range];
+        let stats = collect_keygraphs(points, &self.triples, &rules.scalene, first, level, &mut self.keygraphs);
+        add(stage(&mut self.stats, Stage::Keygraphs), stats);
+    }
+
+    fn extract_features(&mut self, model: &Model<'_>, rules: &Parameters) {
+        let view = self.pyramid.view();
+        for (k, f) in self.keygraphs.iter().zip(&mut self.features) {
+            let points = k.vertices.map(|v| self.points[usize::from(v)]);
+            *f = extract(&view, usize::from(k.level), points, k.size, model.feature(), rules.normalise);
+        }
+        let n = count(self.keygraphs.len());
+        *stage(&mut self.stats, Stage::Features) = StageStats { seen: n, kept: n, dropped: 0 };
+    }
+
+    fn find_matches(&mut self, model: &Model<'_>, rules: &Parameters) {
+        self.votes.clear();
+        let limit = distance_limit(model.feature().bytes(), &rules.matching);
+        let (mut matches, mut votes) = (StageStats::default(), StageStats::default());
+        for (i, k) in self.keygraphs.iter().enumerate() {
+            let id = u16::try_from(i).unwrap_or(0);
+            let to = k.vertices.map(|v| to_level0(self.points[usize::from(v)], usize::from(k.level)));
+            matches.seen += 1;
+            for m in classify(model, k.key, k.size, k.shortest, &self.features[i], &rules.matching).into_iter().flatten() {
+                let Some(v) = cast(model, m, id, to, limit) else { continue };
+                match self.votes.push(v) {
+                    Ok(()) => votes.kept += 1,
+                    Err(_) => votes.dropped += 1,
+                }
+            }
+        }
+        matches.kept = votes.kept;
+        matches.dropped = votes.dropped;
+        *stage(&mut self.stats, Stage::Classify) = matches;
+    }
+
+    /// Grows a candidate, or takes its similarity as it is.
+    fn grow(&mut self, model: &Model<'_>, candidate: &Candidate, rules: &Parameters) -> Option<Grown> {
+        let stats = stage(&mut self.stats, Stage::Pose);
+        stats.seen += 1;
+        let Self { keygraphs, points, votes, pairs, .. } = self;
+        if !rules.grow {
+            let o = model.object(usize::from(candidate.object));
+            let map = Normalised::new(o.width as f32, o.height as f32, candidate.pose.centre, candidate.pose.size_px());
+            stats.kept += 1;
+            return Some(Grown { homography: map.to_px(&candidate.pose.turn()), agreeing: 0 });
+        }
+        let corners = |i: u16| {
+            let k = &keygraphs[usize::from(i)];
+            k.vertices.map(|v| (v, to_level0(points[usize::from(v)], usize::from(k.level))))
+        };
+        let (map, lost) = collect_pairs(model, candidate, votes, corners, pairs);
+        stats.dropped += lost.dropped;
+        let grown = grow(candidate, &map, pairs);
+        stats.kept += u32::from(grown.is_some());
+        grown
+    }
+
+    /// Checks a grown pose by appearance and keeps it if it is likely enough and
+    /// the best at its place.
+    fn accept(&mut self, model: &Model<'_>, c: &Candidate, grown: &Grown, rules: &Parameters, threshold: f32) {
+        let view = self.pyramid.view();
+        let stats = stage(&mut self.stats, Stage::Accept);
+        stats.seen += 1;
+        let o = model.object(usize::from(c.object));
+        let (w, h) = (o.width as f32, o.height as f32);
+        let corners = grown.homography.outline(w, h);
+        if !is_plausible(&corners, 144.0, 4.0) {
+            return;
+        }
+        let twin = self.detections.iter().position(|d| d.object == c.object && overlap(&d.corners, &corners));
+        let mut d = Detection {
+            object: c.object,
+            homography: grown.homography,
+            corners,
+            score: 0.0,
+            votes: 0,
+            agreeing: grown.agreeing,
+            appearance: Appearance::default(),
+        };
+        if twin.is_some_and(|t| self.detections[t].agreeing >= d.agreeing) {
+            return;
+        }
+        let agrees = Agreement::new(&d);
+        let supporters = self.votes.iter().filter(|v| {
+            let k = &self.keygraphs[usize::from(v.frame_keygraph)];
+            let to = k.vertices.map(|v| to_level0(self.points[usize::from(v)], usize::from(k.level)));
+            agrees.holds(model, v, to)
+        });
+        if rules.grow {
+            d.votes = u16::try_from(supporters.count()).unwrap_or(u16::MAX);
+            d.appearance = appearance(&view, &o.template, &d.homography, w, h);
+            d.score = score(&d);
+        } else {
+            d.votes = u16::try_from(c.weight).unwrap_or(u16::MAX);
+            d.score = 1.0 - 1.0 / c.weight as f32;
+        }
+        if d.score < threshold {
+            return;
+        }
+        match twin {
+            Some(t) if self.detections[t].score < d.score => self.detections[t] = d,
+            Some(_) => {}
+            None => match self.detections.push(d) {
+                Ok(()) => stats.kept += 1,
+                Err(_) => stats.dropped += 1,
+            },
+        }
+    }
+}
+
+/// Largest distance that [`classify`] lets through.
+fn distance_limit(bytes: usize, rule: &MatchRule) -> u32 {
+    count(bytes) * u32::from(rule.max_distance) / 16
+}
+
+/// Estimate of the probability that a pose is right.
+fn score(d: &Detection) -> f32 {
+    let a = &d.appearance;
+    if a.blocks < 4 {
+        return 0.0;
+    }
+    let agreeing = math::ln(1.0 + f32::from(d.agreeing));
+    let logit = 9.0 * a.median + 2.0 * agreeing - 9.0;
+    1.0 / (1.0 + math::exp(-logit))
+}
+
+/// Whether two outlines stand for one instance: the middle of one lies near the
+/// middle of the other, in units of the smaller.
+fn overlap(a: &[[f32; 2]; 4], b: &[[f32; 2]; 4]) -> bool {
+    let middle = |o: &[[f32; 2]; 4], i: usize| o.iter().map(|p| p[i]).sum::<f32>() / 4.0;
+    let (dx, dy) = (middle(a, 0) - middle(b, 0), middle(a, 1) - middle(b, 1));
+    let size2 = area(a).abs().min(area(b).abs());
+    dx * dx + dy * dy < 0.25 * size2
+}
+
+/// Lengths fit `u32`: every buffer is far smaller.
+#[allow(clippy::cast_possible_truncation, reason = "capacities are far below 2^32")]
+const fn count(n: usize) -> u32 {
+    n as u32
+}
+
+fn stage(stats: &mut Stats, s: Stage) -> &mut StageStats {
+    &mut stats.stages[s as usize]
+}
+
+fn add(total: &mut StageStats, s: StageStats) {
+    total.seen += s.seen;
+    total.kept += s.kept;
+    total.dropped += s.dropped;
+}

@@ -1,0 +1,87 @@
+//! The two methods as constants: every threshold of the pipeline in one place.
+//!
+//! In: a model's [`Method`]. Out: its [`Parameters`]. Memory and cost: none.
+
+use crate::capacity::LEVELS;
+use crate::classify::MatchRule;
+use crate::corners::CornerParams;
+use crate::feature::Normalise;
+use crate::keygraph::Scalene;
+use crate::model::Method;
+use crate::vote::VoteRule;
+
+/// How corners are put in order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ranking {
+    /// By suppression radius: each prefix covers the image evenly.
+    Radius,
+    /// By strength, this many px apart.
+    Strength(u16),
+}
+
+/// Everything that a method fixes about the search of a frame.
+#[derive(Clone, Copy, Debug)]
+pub struct Parameters {
+    /// What counts as a corner.
+    pub corners: CornerParams,
+    /// How corners are ordered.
+    pub ranking: Ranking,
+    /// Most corners kept on each pyramid level; 0 leaves a level out. More
+    /// corners find smaller objects and cost time in every later stage.
+    pub corner_limits: [usize; LEVELS],
+    /// Prefixes of the corners that are triangulated, ascending.
+    pub prefixes: &'static [usize],
+    /// Which triples are keygraphs.
+    pub scalene: Scalene,
+    /// What is taken away from features.
+    pub normalise: Normalise,
+    /// What counts as a match.
+    pub matching: MatchRule,
+    /// How matches are counted.
+    pub voting: VoteRule,
+    /// Most candidates that are looked at; below [`crate::capacity::CANDIDATES`].
+    pub candidates: usize,
+    /// Whether candidates are grown and accepted by appearance, or taken as they
+    /// are: the paper.
+    pub grow: bool,
+}
+
+/// Our method.
+const KEYGRAPH: Parameters = Parameters {
+    corners: CornerParams { quality_q16: 33, floor: 6_000, margin_px: 3 },
+    ranking: Ranking::Radius,
+    corner_limits: [400, 200, 100, 0],
+    prefixes: &[25, 50, 100, 200, 400],
+    scalene: Scalene { min_angle_deg: 8.0, min_difference_deg: 4.0, min_side_px: 8.0 },
+    normalise: Normalise::Own,
+    matching: MatchRule { tolerance: 6, tolerance_px: 60, size_window: 14, max_distance: 16 * 28, one_cell: false },
+    voting: VoteRule { soft: true, equal: false, min_weight: 8 },
+    candidates: 24,
+    grow: true,
+};
+
+/// The paper as written: one scale, one triangulation, hard votes, the fullest
+/// bin with at least three votes wins.
+const PAPER: Parameters = Parameters {
+    corners: CornerParams { quality_q16: 655, floor: 1, margin_px: 1 },
+    ranking: Ranking::Strength(10),
+    corner_limits: [200, 0, 0, 0],
+    prefixes: &[200],
+    scalene: Scalene { min_angle_deg: 5.0, min_difference_deg: 5.0, min_side_px: 10.0 },
+    normalise: Normalise::Absolute,
+    matching: MatchRule { tolerance: 0, tolerance_px: 0, size_window: u8::MAX, max_distance: 16 * 255, one_cell: true },
+    voting: VoteRule { soft: false, equal: true, min_weight: 3 },
+    candidates: 1,
+    grow: false,
+};
+
+impl Method {
+    /// The method's parameters.
+    #[must_use]
+    pub const fn parameters(self) -> &'static Parameters {
+        match self {
+            Self::Keygraph => &KEYGRAPH,
+            Self::Paper => &PAPER,
+        }
+    }
+}

@@ -1,0 +1,516 @@
+//! The model: what training leaves, read in place from bytes.
+//!
+//! In: bytes at any alignment (flash, `include_bytes!`, a mapped file). Out: a
+//! view that borrows them; nothing is copied. `docs/model-format.md` describes
+//! the format byte by byte. [`Model::parse`] checks magic, version, length,
+//! checksum and every index once, so that the stages can trust the view.
+//!
+//! Memory: none beyond the bytes. Cost: one pass over them when parsed.
+
+use crate::capacity::TEMPLATE_SIDE;
+use crate::feature::FeatureKind;
+use crate::geometry::{Homography, Point};
+use crate::keygraph::CELLS;
+
+/// First bytes of every model.
+pub const MAGIC: [u8; 4] = *b"KGM\x1a";
+/// The version that this library writes and reads.
+pub const VERSION: u16 = 1;
+/// Longest name of an object, bytes of UTF-8.
+pub const NAME_BYTES: usize = 32;
+
+pub(crate) const HEADER: usize = 40;
+/// Where the checksummed part starts.
+pub(crate) const CHECKED: usize = 16;
+pub(crate) const OBJECT: usize = 56;
+pub(crate) const VIEW: usize = 44;
+pub(crate) const KEYPOINT: usize = 4;
+pub(crate) const CELL_TABLE: usize = 4 * (CELLS + 1);
+pub(crate) const KEY: usize = 3;
+pub(crate) const VERTICES: usize = 5;
+
+/// How the keygraphs were made, and so how frames are searched.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Method {
+    /// Several views and scales, nested levels, normalised features.
+    Keygraph,
+    /// The paper as written.
+    Paper,
+}
+
+/// Why bytes are not a model.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ModelError {
+    /// The bytes do not start as a model does: pass a `.kgm` file.
+    NotAModel,
+    /// Written by a newer version: update this program, or train again.
+    NewerVersion {
+        /// The version found.
+        found: u16,
+    },
+    /// The bytes end before the model does: copy the file again.
+    Truncated {
+        /// Bytes that the model has.
+        expected: usize,
+        /// Bytes that were given.
+        given: usize,
+    },
+    /// There are bytes behind the model: pass exactly the model.
+    TrailingBytes {
+        /// Bytes that the model has.
+        expected: usize,
+        /// Bytes that were given.
+        given: usize,
+    },
+    /// The checksum does not match: the file is damaged, copy it again.
+    Checksum {
+        /// CRC-32 in the header.
+        expected: u32,
+        /// CRC-32 of the bytes.
+        computed: u32,
+    },
+    /// The checksum matches but the content contradicts itself: whatever wrote
+    /// the model is at fault; train again.
+    Inconsistent {
+        /// The section that is wrong.
+        section: &'static str,
+    },
+}
+
+impl core::fmt::Display for ModelError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match *self {
+            Self::NotAModel => write!(f, "this is not a keygraph model: make one with `keygraph train`"),
+            Self::NewerVersion { found } => write!(
+                f,
+                "model version {found} is not the version {VERSION} that this program reads: update it, or train again"
+            ),
+            Self::Truncated { expected, given } => {
+                write!(f, "the model is cut off: {given} bytes of {expected}; copy it again")
+            }
+            Self::TrailingBytes { expected, given } => {
+                write!(f, "{given} bytes where the model has {expected}: something was appended; copy it again")
+            }
+            Self::Checksum { expected, computed } => {
+                write!(f, "the model is damaged (CRC-32 {computed:08x} instead of {expected:08x}); copy it again")
+            }
+            Self::Inconsistent { section } => {
+                write!(f, "the model contradicts itself in its {section}; train again")
+            }
+        }
+    }
+}
+
+impl core::error::Error for ModelError {}
+
+const CRC_TABLE: [u32; 256] = {
+    let mut table = [0; 256];
+    let mut i = 0;
+    while i < 256 {
+        let mut c = i as u32;
+        let mut k = 0;
+        while k < 8 {
+            c = if c & 1 == 1 { c >> 1 ^ 0xedb8_8320 } else { c >> 1 };
+            k += 1;
+        }
+        table[i] = c;
+        i += 1;
+    }
+    table
+};
+
+/// CRC-32 (ISO-HDLC, the one of zip and PNG).
+#[must_use]
+pub fn crc32(bytes: &[u8]) -> u32 {
+    !bytes.iter().fold(!0, |c, &b| c >> 8 ^ CRC_TABLE[usize::from(c.to_le_bytes()[0] ^ b)])
+}
+
+/// Where the sections of a model lie; all follow from the counts.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Layout {
+    pub objects: usize,
+    pub views: usize,
+    pub keypoints: usize,
+    pub cells: usize,
+    pub keys: usize,
+    pub vertices: usize,
+    pub features: usize,
+    pub templates: usize,
+    pub end: usize,
+}
+
+impl Layout {
+    /// `None` when the sum does not fit `usize`.
+    pub(crate) fn new(
+        [objects, views, keypoints, keygraphs, templates]: [usize; 5],
+        feature_bytes: usize,
+    ) -> Option<Self> {
+        let after = |start: usize, n: usize, each: usize| start.checked_add(n.checked_mul(each)?);
+        let o = HEADER;
+        let v = after(o, objects, OBJECT)?;
+        let k = after(v, views, VIEW)?;
+        let c = after(k, keypoints, KEYPOINT)?;
+        let keys = after(c, 1, CELL_TABLE)?;
+        let vertices = after(keys, keygraphs, KEY)?;
+        let features = after(vertices, keygraphs, VERTICES)?;
+        let t = after(features, keygraphs, feature_bytes)?;
+        Some(Self { objects: o, views: v, keypoints: k, cells: c, keys, vertices, features, templates: t, end: after(t, templates, 1)? })
+    }
+}
+
+pub(crate) fn u16_at(b: &[u8], i: usize) -> u16 {
+    u16::from_le_bytes([b[i], b[i + 1]])
+}
+
+pub(crate) fn u32_at(b: &[u8], i: usize) -> u32 {
+    u32::from_le_bytes([b[i], b[i + 1], b[i + 2], b[i + 3]])
+}
+
+pub(crate) fn size_at(b: &[u8], i: usize) -> usize {
+    usize::try_from(u32_at(b, i)).unwrap_or(usize::MAX)
+}
+
+pub(crate) fn f32_at(b: &[u8], i: usize) -> f32 {
+    f32::from_bits(u32_at(b, i))
+}
+
+/// One object of a model.
+#[derive(Clone, Copy, Debug)]
+pub struct Object<'a> {
+    /// Its name.
+    pub name: &'a str,
+    /// Width of the training picture, px.
+    pub width: u32,
+    /// Height of the training picture, px.
+    pub height: u32,
+    /// Triples of keypoints that were possible, over all views.
+    pub triples: u32,
+    /// Its keypoints, over all views.
+    pub keypoints: u32,
+    /// What it looks like.
+    pub template: Template<'a>,
+}
+
+/// A small picture of an object: luma, and chroma of half the size.
+#[derive(Clone, Copy, Debug)]
+pub struct Template<'a> {
+    /// Width, px; at most [`TEMPLATE_SIDE`].
+    pub width: usize,
+    /// Height, px; at most [`TEMPLATE_SIDE`].
+    pub height: usize,
+    /// `width * height` bytes.
+    pub luma: &'a [u8],
+    /// Both chroma planes, `(width / 2) * (height / 2)` bytes each, as `i8`.
+    pub chroma: [&'a [u8]; 2],
+}
+
+/// One rendered view of an object that keypoints were taken from.
+#[derive(Clone, Copy, Debug)]
+pub struct View {
+    /// The object that it shows.
+    pub object: u16,
+    /// How many keypoints it has.
+    pub keypoints: u16,
+    /// Its first keypoint.
+    pub first: u32,
+    /// View px to picture px, affine.
+    pub to_picture: Homography,
+    /// Where the middle of the picture lies, view px.
+    pub centre: [f32; 2],
+    /// View px per picture px (the square root of the area ratio).
+    pub scale: f32,
+}
+
+/// A parsed model: a view that exists is valid.
+#[derive(Clone, Copy, Debug)]
+pub struct Model<'a> {
+    bytes: &'a [u8],
+    layout: Layout,
+    method: Method,
+    feature: FeatureKind,
+    counts: [usize; 5],
+}
+
+impl<'a> Model<'a> {
+    /// Checks `bytes`, which must be exactly one model, and borrows them.
+    ///
+    /// # Errors
+    /// [`ModelError`], a variant for each thing that can be wrong.
+    pub fn parse(bytes: &'a [u8]) -> Result<Self, ModelError> {
+        let given = bytes.len();
+        if given < 4 || bytes[..4] != MAGIC {
+            return Err(ModelError::NotAModel);
+        }
+        if given < HEADER {
+            return Err(ModelError::Truncated { expected: HEADER, given });
+        }
+        let found = u16_at(bytes, 4);
+        if found != VERSION {
+            return Err(ModelError::NewerVersion { found });
+        }
+        let expected = size_at(bytes, 8);
+        if expected > given {
+            return Err(ModelError::Truncated { expected, given });
+        }
+        if expected < given {
+            return Err(ModelError::TrailingBytes { expected, given });
+        }
+        let (stored, computed) = (u32_at(bytes, 12), crc32(&bytes[CHECKED..]));
+        if stored != computed {
+            return Err(ModelError::Checksum { expected: stored, computed });
+        }
+        let wrong = |section| ModelError::Inconsistent { section };
+        let method = match bytes[16] {
+            0 => Method::Keygraph,
+            1 => Method::Paper,
+            _ => return Err(wrong("method")),
+        };
+        let feature = match bytes[17] {
+            1 => FeatureKind::Chroma,
+            2 => FeatureKind::Luma,
+            3 => FeatureKind::Both,
+            _ => return Err(wrong("feature kind")),
+        };
+        let counts = [20, 24, 28, 32, 36].map(|i| size_at(bytes, i));
+        let layout = Layout::new(counts, feature.bytes()).ok_or(wrong("counts"))?;
+        if usize::from(u16_at(bytes, 6)) != HEADER || u16_at(bytes, 18) != 0 || layout.end != given {
+            return Err(wrong("header"));
+        }
+        let model = Self { bytes, layout, method, feature, counts };
+        model.check().map_or(Ok(model), |section| Err(wrong(section)))
+    }
+
+    /// The first section that contradicts the others.
+    fn check(&self) -> Option<&'static str> {
+        let [objects, views, keypoints, keygraphs, templates] = self.counts;
+        let limit = usize::from(u16::MAX);
+        if objects == 0 || objects > limit || views > limit {
+            return Some("counts");
+        }
+        for i in 0..objects {
+            let (r, t) = (self.object_record(i), self.template_place(i));
+            let name = &r[..NAME_BYTES];
+            let sides_fit = [t.1, t.2].iter().all(|s| (8..=TEMPLATE_SIDE).contains(s));
+            let picture_fits = [32, 36].iter().all(|&o| (1..=1 << 20).contains(&u32_at(r, o)));
+            if !sides_fit || !picture_fits || core::str::from_utf8(trim(name)).is_err() {
+                return Some("objects");
+            }
+            if t.0.checked_add(template_bytes(t.1, t.2)).is_none_or(|end| end > templates) {
+                return Some("templates");
+            }
+        }
+        for i in 0..views {
+            let v = self.view(i);
+            let range = (v.first as usize).checked_add(usize::from(v.keypoints));
+            let finite = v.to_picture.0.iter().chain(&v.centre).chain([&v.scale]).all(|f| f.is_finite());
+            if usize::from(v.object) >= objects || range.is_none_or(|end| end > keypoints) || !finite || v.scale <= 0.0 {
+                return Some("views");
+            }
+        }
+        let coordinate_fits = |o: usize| u16_at(self.bytes, self.layout.keypoints + o) <= i16::MAX.unsigned_abs();
+        if !(0..keypoints).all(|i| coordinate_fits(KEYPOINT * i) && coordinate_fits(KEYPOINT * i + 2)) {
+            return Some("keypoints");
+        }
+        let mut start = 0;
+        for c in 0..=CELLS {
+            let at = size_at(self.bytes, self.layout.cells + 4 * c);
+            if at < start || at > keygraphs || (c == 0 && at != 0) || (c == CELLS && at != keygraphs) {
+                return Some("index");
+            }
+            start = at;
+        }
+        for i in 0..keygraphs {
+            let r = self.vertex_record(i);
+            let view = usize::from(u16_at(r, 0));
+            if view >= views || r[2..VERTICES].iter().any(|&v| u16::from(v) >= self.view(view).keypoints) {
+                return Some("keygraphs");
+            }
+        }
+        None
+    }
+
+    fn record(&self, section: usize, each: usize, i: usize) -> &'a [u8] {
+        &self.bytes[section + each * i..][..each]
+    }
+
+    fn object_record(&self, i: usize) -> &'a [u8] {
+        self.record(self.layout.objects, OBJECT, i)
+    }
+
+    fn vertex_record(&self, i: usize) -> &'a [u8] {
+        self.record(self.layout.vertices, VERTICES, i)
+    }
+
+    /// Offset, width and height of the template of object `i`.
+    fn template_place(&self, i: usize) -> (usize, usize, usize) {
+        let r = self.object_record(i);
+        (size_at(r, 40), usize::from(u16_at(r, 44)), usize::from(u16_at(r, 46)))
+    }
+
+    /// The bytes that the model was parsed from.
+    #[must_use]
+    pub const fn bytes(&self) -> &'a [u8] {
+        self.bytes
+    }
+
+    /// How frames are searched for it.
+    #[must_use]
+    pub const fn method(&self) -> Method {
+        self.method
+    }
+
+    /// What its features are made of.
+    #[must_use]
+    pub const fn feature(&self) -> FeatureKind {
+        self.feature
+    }
+
+    /// How many objects it holds.
+    #[must_use]
+    pub const fn objects(&self) -> usize {
+        self.counts[0]
+    }
+
+    /// How many views it holds.
+    #[must_use]
+    pub const fn views(&self) -> usize {
+        self.counts[1]
+    }
+
+    /// How many keypoints it holds, over all objects and views.
+    #[must_use]
+    pub const fn keypoints(&self) -> usize {
+        self.counts[2]
+    }
+
+    /// How many keygraphs it holds.
+    #[must_use]
+    pub const fn keygraphs(&self) -> usize {
+        self.counts[3]
+    }
+
+    pub(crate) const fn counts(&self) -> [usize; 5] {
+        self.counts
+    }
+
+    pub(crate) const fn layout(&self) -> Layout {
+        self.layout
+    }
+
+    /// Object `i`.
+    ///
+    /// # Panics
+    /// When there is no such object.
+    #[must_use]
+    pub fn object(&self, i: usize) -> Object<'a> {
+        let r = self.object_record(i);
+        let (start, width, height) = self.template_place(i);
+        let (n, c) = (width * height, (width / 2) * (height / 2));
+        let t = &self.bytes[self.layout.templates + start..][..n + 2 * c];
+        Object {
+            name: core::str::from_utf8(trim(&r[..NAME_BYTES])).unwrap_or_default(),
+            width: u32_at(r, 32),
+            height: u32_at(r, 36),
+            triples: u32_at(r, 48),
+            keypoints: u32_at(r, 52),
+            template: Template { width, height, luma: &t[..n], chroma: [&t[n..n + c], &t[n + c..]] },
+        }
+    }
+
+    /// View `i`.
+    ///
+    /// # Panics
+    /// When there is no such view.
+    #[must_use]
+    pub fn view(&self, i: usize) -> View {
+        let r = self.record(self.layout.views, VIEW, i);
+        View {
+            object: u16_at(r, 0),
+            keypoints: u16_at(r, 2),
+            first: u32_at(r, 4),
+            to_picture: Homography::affine(core::array::from_fn(|k| f32_at(r, 8 + 4 * k))),
+            centre: [f32_at(r, 32), f32_at(r, 36)],
+            scale: f32_at(r, 40),
+        }
+    }
+
+    /// Keypoint `i`, in its view.
+    ///
+    /// # Panics
+    /// When there is no such keypoint.
+    #[must_use]
+    pub fn keypoint(&self, i: usize) -> Point {
+        let r = self.record(self.layout.keypoints, KEYPOINT, i);
+        let at = |o| i16::try_from(u16_at(r, o)).unwrap_or(i16::MAX);
+        Point::new(at(0), at(2))
+    }
+
+    /// The view of keygraph `i`, and its vertices in canonical order, in view px.
+    ///
+    /// # Panics
+    /// When there is no such keygraph.
+    #[must_use]
+    pub fn keygraph(&self, i: usize) -> (usize, [Point; 3]) {
+        let r = self.vertex_record(i);
+        let view = usize::from(u16_at(r, 0));
+        let first = size_at(self.record(self.layout.views, VIEW, view), 4);
+        (view, core::array::from_fn(|k| self.keypoint(first + usize::from(r[2 + k]))))
+    }
+
+    /// The keygraphs of subset `cell` as a range of indices.
+    ///
+    /// # Panics
+    /// When `cell` is not below [`CELLS`].
+    #[must_use]
+    pub fn cell(&self, cell: usize) -> core::ops::Range<usize> {
+        let at = |c: usize| size_at(self.bytes, self.layout.cells + 4 * c);
+        at(cell)..at(cell + 1)
+    }
+
+    /// Partition keys: largest angle, second angle and size of each keygraph, 3
+    /// bytes each, ascending by largest angle within a subset.
+    #[must_use]
+    pub fn keys(&self) -> &'a [u8] {
+        &self.bytes[self.layout.keys..self.layout.vertices]
+    }
+
+    /// Features, [`FeatureKind::bytes`] each.
+    #[must_use]
+    pub fn features(&self) -> &'a [u8] {
+        &self.bytes[self.layout.features..self.layout.templates]
+    }
+
+    /// Subsets that hold at least one keygraph, and the size of the largest.
+    #[must_use]
+    pub fn occupancy(&self) -> (usize, usize) {
+        let sizes = || (0..CELLS).map(|c| self.cell(c).len());
+        (sizes().filter(|&n| n > 0).count(), sizes().max().unwrap_or(0))
+    }
+}
+
+/// Bytes of a template of this size.
+pub(crate) const fn template_bytes(width: usize, height: usize) -> usize {
+    width * height + 2 * (width / 2) * (height / 2)
+}
+
+fn trim(name: &[u8]) -> &[u8] {
+    let end = name.iter().position(|&b| b == 0).unwrap_or(name.len());
+    &name[..end]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn crc_of_the_check_string() {
+        assert_eq!(crc32(b"123456789"), 0xcbf4_3926);
+    }
+
+    #[test]
+    fn bytes_that_are_no_model_are_told_apart() {
+        assert!(matches!(Model::parse(b""), Err(ModelError::NotAModel)));
+        assert!(matches!(Model::parse(&[0; 64]), Err(ModelError::NotAModel)));
+        assert!(matches!(Model::parse(&MAGIC), Err(ModelError::Truncated { .. })));
+    }
+}

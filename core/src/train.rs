@@ -1,0 +1,693 @@
+//! One picture to a model, in memory that the caller gives.
+//!
+//! In: a picture and the parameters. Out: the bytes of a model in the caller's
+//! buffer. The picture is rendered at several sizes and under several tilts; the
+//! corners of each view are ranked as in a frame; every triple of them that is a
+//! keygraph is weighed by how likely a frame's triangulation is to contain it,
+//! and the best are kept.
+//!
+//! A triple is Delaunay in a prefix of the ranking that holds its last vertex
+//! when no other corner of the prefix lies in its circumcircle. Of the corners in
+//! there, those ranked before the last vertex would have to be missed for it to
+//! appear, those ranked soon after may be cut off: the cost is two for each of
+//! the first and one for each of the second, and cheap triples are kept first. A
+//! cap on each subset of the partition and one in total drop the dear ones, and
+//! count them.
+//!
+//! Nothing is held in between: the triples are enumerated twice, first to count
+//! them by subset and cost, then to put each record at its place.
+//!
+//! Memory: two pyramids and some 40 KB of tables ([`Trainer`]). Cost: under a
+//! second on a desktop for the largest preset.
+
+use heapless::Vec;
+
+use crate::capacity::{LEVELS, StageStats, TEMPLATE_SIDE, chroma_bytes, luma_bytes};
+use crate::corners::{Corner, SCRATCH_ROWS, detect_corners, rank_by_radius, rank_by_strength};
+use crate::feature::{FeatureKind, extract};
+use crate::frame::{Frame, FrameError};
+use crate::geometry::{Homography, Point, in_circle, orient};
+use crate::keygraph::{CELLS, Keygraph};
+use crate::math;
+use crate::method::{Parameters, Ranking};
+use crate::model::{
+    CHECKED, HEADER, KEY, KEYPOINT, Layout, MAGIC, Method, NAME_BYTES, OBJECT, VERSION, VERTICES, VIEW, crc32, size_at,
+    template_bytes,
+};
+use crate::pyramid::{Pyramid, PyramidView};
+
+/// Views that one model can be made from.
+pub const MAX_VIEWS: usize = 64;
+/// Keypoints of a view: they are numbered by a byte.
+pub const MAX_VIEW_KEYPOINTS: usize = 255;
+/// Costs above this are not worth their bytes.
+const MAX_COST: u32 = 15;
+const COSTS: usize = MAX_COST as usize + 1;
+
+/// One view that a picture is rendered in.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ViewSpec {
+    /// Longer side of the picture in the view, px; never above the picture's own.
+    pub side_px: f32,
+    /// Width that remains across the tilt axis: the cosine of the tilt, 1 from
+    /// the front.
+    pub squeeze: f32,
+    /// Direction that is squeezed, degrees.
+    pub direction_deg: f32,
+    /// Most keypoints taken from it.
+    pub keypoints: u8,
+}
+
+/// How a model is made.
+#[derive(Clone, Copy, Debug)]
+pub struct TrainParams<'a> {
+    /// Name of the object; cut to [`NAME_BYTES`] bytes.
+    pub name: &'a str,
+    /// How frames will be searched.
+    pub method: Method,
+    /// What features are made of.
+    pub feature: FeatureKind,
+    /// The views; at most [`MAX_VIEWS`].
+    pub views: &'a [ViewSpec],
+    /// Most keygraphs in total.
+    pub max_keygraphs: usize,
+    /// Most keygraphs in a subset of the partition.
+    pub max_per_cell: usize,
+}
+
+/// Why a picture was not trained.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TrainError {
+    /// The picture was refused.
+    Picture(FrameError),
+    /// The buffer cannot hold even an empty model: give `needed` bytes and more.
+    NoRoom {
+        /// Bytes needed before the first keygraph.
+        needed: usize,
+        /// Bytes given.
+        given: usize,
+    },
+    /// Too few corners to make a keygraph: take a picture with more texture, or
+    /// in better light.
+    NothingToHold {
+        /// Keypoints found over all views.
+        keypoints: usize,
+    },
+    /// More views than [`MAX_VIEWS`], or none.
+    Views,
+}
+
+impl core::fmt::Display for TrainError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::Picture(e) => e.fmt(f),
+            Self::NoRoom { needed, given } => {
+                write!(f, "{given} bytes cannot hold the model: {needed} are needed before the first keygraph")
+            }
+            Self::NothingToHold { keypoints } => write!(
+                f,
+                "the picture has too little to hold on to ({keypoints} corners): use one with more texture, sharper or brighter"
+            ),
+            Self::Views => write!(f, "a model is made from 1 to {MAX_VIEWS} views"),
+        }
+    }
+}
+
+impl core::error::Error for TrainError {}
+
+impl From<FrameError> for TrainError {
+    fn from(e: FrameError) -> Self {
+        Self::Picture(e)
+    }
+}
+
+/// What training did.
+#[derive(Clone, Debug, Default)]
+pub struct Trained {
+    /// Bytes of the model, at the start of the buffer.
+    pub bytes: usize,
+    /// Keypoints of each view.
+    pub view_keypoints: Vec<u16, MAX_VIEWS>,
+    /// Triples of keypoints, over all views.
+    pub triples: u32,
+    /// Keygraphs: seen are the triples that are thick, scalene and likely enough;
+    /// dropped those that a cap left out.
+    pub keygraphs: StageStats,
+}
+
+/// Memory that training works in.
+#[derive(Debug)]
+pub struct Trainer<const LUMA: usize, const CHROMA: usize, const SIDE: usize, const CORNERS: usize> {
+    picture: Pyramid<LUMA, CHROMA>,
+    view: Pyramid<LUMA, CHROMA>,
+    scratch: [[i32; SIDE]; SCRATCH_ROWS],
+    corners: Vec<Corner, CORNERS>,
+    table: Table,
+}
+
+/// The trainer that goes with the vga profile: pictures of up to 307,200 px.
+pub type VgaTrainer = Trainer<{ luma_bytes(640 * 480) }, { chroma_bytes(640 * 480) }, 640, 1600>;
+
+/// One view as it is rendered.
+#[derive(Clone, Copy, Debug)]
+struct Plan {
+    width: usize,
+    height: usize,
+    /// View px to px of the loaded picture.
+    to_loaded: Homography,
+    scale: f32,
+    keypoints: usize,
+}
+
+impl<const LUMA: usize, const CHROMA: usize, const SIDE: usize, const CORNERS: usize>
+    Trainer<LUMA, CHROMA, SIDE, CORNERS>
+{
+    /// An idle trainer, all zero.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self {
+            picture: Pyramid::new(),
+            view: Pyramid::new(),
+            scratch: [[0; SIDE]; SCRATCH_ROWS],
+            corners: Vec::new(),
+            table: Table::new(),
+        }
+    }
+
+    /// Trains on `picture`, a scaled copy of an original of `original` px (width,
+    /// height), into `out`. Poses will be told in px of the original.
+    ///
+    /// # Errors
+    /// [`TrainError`], with what to do about it.
+    pub fn train(
+        &mut self,
+        picture: &Frame<'_>,
+        original: (u32, u32),
+        params: &TrainParams<'_>,
+        out: &mut [u8],
+    ) -> Result<Trained, TrainError> {
+        self.picture.load(picture)?;
+        self.picture.reduce();
+        let rules = params.method.parameters();
+        let plans = self.plan(params)?;
+        let mut trained = Trained::default();
+
+        self.table.clear();
+        for p in &plans {
+            self.prepare(p, rules);
+            let n = self.corners.len();
+            // Bounded by the number of views that `plan` lets through.
+            let _ = trained.view_keypoints.push(u16::try_from(n).unwrap_or(0));
+            trained.triples += triples(n);
+            let Self { corners, table, .. } = self;
+            each_keygraph(corners, rules, |k, cost| table.count(k.key.cell(), cost));
+        }
+        let keypoints = trained.view_keypoints.iter().map(|&n| usize::from(n)).sum();
+        trained.keygraphs.seen = self.table.total();
+        if trained.keygraphs.seen == 0 {
+            return Err(TrainError::NothingToHold { keypoints });
+        }
+
+        let (tw, th) = template_size(picture.width(), picture.height());
+        let counts = |keygraphs| [1, plans.len(), keypoints, keygraphs, template_bytes(tw, th)];
+        let feature_bytes = params.feature.bytes();
+        let no_room = |needed| TrainError::NoRoom { needed, given: out.len() };
+        let fixed = Layout::new(counts(0), feature_bytes).ok_or(no_room(usize::MAX))?.end;
+        let room = out.len().checked_sub(fixed).ok_or(no_room(fixed))? / (KEY + VERTICES + feature_bytes);
+        let kept = self.table.allot(params.max_keygraphs.min(room), params.max_per_cell);
+        let layout = Layout::new(counts(kept), feature_bytes).ok_or(no_room(usize::MAX))?;
+        let out = &mut out[..layout.end];
+        trained.keygraphs.kept = u32::try_from(kept).unwrap_or(u32::MAX);
+        trained.keygraphs.dropped = trained.keygraphs.seen - trained.keygraphs.kept;
+        trained.bytes = out.len();
+
+        let mut first = 0;
+        for (i, p) in plans.iter().enumerate() {
+            self.prepare(p, rules);
+            let Self { corners, table, view, .. } = self;
+            for (k, c) in corners.iter().enumerate() {
+                let r = &mut out[layout.keypoints + KEYPOINT * (first + k)..][..KEYPOINT];
+                r[..2].copy_from_slice(&c.point.x.to_le_bytes());
+                r[2..].copy_from_slice(&c.point.y.to_le_bytes());
+            }
+            write_view(out, &layout, i, p, self.picture.view(), original, first, corners.len());
+            first += corners.len();
+            let view = view.view();
+            each_keygraph(corners, rules, |k, cost| {
+                let Some(at) = table.place(k.key.cell(), cost) else { return };
+                let points = k.vertices.map(|v| corners[usize::from(v)].point);
+                let feature = extract(&view, 0, points, k.size, params.feature, rules.normalise);
+                write_keygraph(out, &layout, at, i, k, &feature[..feature_bytes]);
+            });
+        }
+        self.table.write(&mut out[layout.cells..layout.keys]);
+        for c in 0..CELLS {
+            sort_cell(out, &layout, feature_bytes, self.table.range(c));
+        }
+        self.write_object(out, &layout, params.name, original, (tw, th), trained.triples, keypoints);
+        write_header(out, params.method, params.feature, counts(kept));
+        Ok(trained)
+    }
+
+    /// The views worth rendering: none larger than the picture, none twice.
+    fn plan(&self, params: &TrainParams<'_>) -> Result<Vec<Plan, MAX_VIEWS>, TrainError> {
+        let loaded = self.picture.view();
+        let (w, h) = (loaded.width() as f32, loaded.height() as f32);
+        let mut plans: Vec<Plan, MAX_VIEWS> = Vec::new();
+        if params.views.is_empty() || params.views.len() > MAX_VIEWS {
+            return Err(TrainError::Views);
+        }
+        for (i, v) in params.views.iter().enumerate() {
+            let side = |v: &ViewSpec| v.side_px.min(w.max(h));
+            let same = |o: &ViewSpec| {
+                side(o) == side(v) && o.squeeze == v.squeeze && o.direction_deg == v.direction_deg
+            };
+            if params.views[..i].iter().any(same) {
+                continue;
+            }
+            let scale = side(v) / w.max(h);
+            let (sin, cos) = math::sin_cos(v.direction_deg * (core::f32::consts::PI / 180.0));
+            // R diag(squeeze, 1) R^-1, scaled
+            let k = 1.0 - v.squeeze;
+            let (a, b, d) = (scale * (1.0 - k * cos * cos), -scale * k * sin * cos, scale * (1.0 - k * sin * sin));
+            let (vw, vh) = (a * w + b.abs() * h, b.abs() * w + d * h);
+            let middle = |v: f32| (v - 1.0) / 2.0;
+            let to_view = Homography::affine([
+                a,
+                b,
+                middle(vw) - a * middle(w) - b * middle(h),
+                b,
+                d,
+                middle(vh) - b * middle(w) - d * middle(h),
+            ]);
+            let size = |v: f32| usize::try_from(math::round(v)).unwrap_or(0).min(SIDE);
+            let (width, height) = (size(vw), size(vh));
+            let Some(to_loaded) = to_view.inverse() else { continue };
+            if width.min(height) >= 24 && Pyramid::<LUMA, CHROMA>::fits(width, height) {
+                // It fits: no more views than specifications.
+                let _ = plans.push(Plan {
+                    width,
+                    height,
+                    to_loaded,
+                    scale: scale * math::sqrt(v.squeeze),
+                    keypoints: usize::from(v.keypoints),
+                });
+            }
+        }
+        if plans.is_empty() { Err(TrainError::NothingToHold { keypoints: 0 }) } else { Ok(plans) }
+    }
+
+    /// Renders a view and ranks its corners.
+    fn prepare(&mut self, plan: &Plan, rules: &Parameters) {
+        let picture = self.picture.view();
+        let Some((luma, a, b)) = self.view.level0_mut(plan.width, plan.height) else { return };
+        render(&picture, &plan.to_loaded, plan.scale, plan.width, luma, [a, b]);
+        self.view.reduce();
+        let luma = self.view.view().luma(0);
+        let mut stats = detect_corners(luma, &rules.corners, self.scratch.as_flattened_mut(), &mut self.corners);
+        let margin = 2.0 / plan.scale;
+        let (w, h) = (picture.width() as f32 - 1.0 - margin, picture.height() as f32 - 1.0 - margin);
+        self.corners.retain(|c| {
+            let [x, y] = plan.to_loaded.apply(c.point.px());
+            x >= margin && y >= margin && x <= w && y <= h
+        });
+        let limit = plan.keypoints.min(MAX_VIEW_KEYPOINTS);
+        match rules.ranking {
+            Ranking::Radius => rank_by_radius(&mut self.corners, limit, &mut stats),
+            Ranking::Strength(apart) => rank_by_strength(&mut self.corners, apart, limit),
+        }
+    }
+
+    #[allow(clippy::too_many_arguments, reason = "one record, written once")]
+    fn write_object(
+        &self,
+        out: &mut [u8],
+        layout: &Layout,
+        name: &str,
+        original: (u32, u32),
+        (tw, th): (usize, usize),
+        triples: u32,
+        keypoints: usize,
+    ) {
+        let picture = self.picture.view();
+        let r = &mut out[layout.objects..][..OBJECT];
+        r.fill(0);
+        let mut end = name.len().min(NAME_BYTES);
+        while !name.is_char_boundary(end) {
+            end -= 1;
+        }
+        r[..end].copy_from_slice(&name.as_bytes()[..end]);
+        put_u32(r, 32, original.0 as usize);
+        put_u32(r, 36, original.1 as usize);
+        put_u32(r, 40, 0);
+        put_u16(r, 44, tw);
+        put_u16(r, 46, th);
+        put_u32(r, 48, triples as usize);
+        put_u32(r, 52, keypoints);
+
+        let (sx, sy) = (picture.width() as f32 / tw as f32, picture.height() as f32 / th as f32);
+        let to_loaded = Homography::affine([sx, 0.0, (sx - 1.0) / 2.0, 0.0, sy, (sy - 1.0) / 2.0]);
+        let (luma, chroma) = out[layout.templates..layout.end].split_at_mut(tw * th);
+        render_luma(&picture, &to_loaded, 1.0 / sx, tw, luma);
+        let (a, b) = chroma.split_at_mut(chroma.len() / 2);
+        let mut i = 0;
+        render_chroma(&picture, &to_loaded, 1.0 / sx, tw / 2, th / 2, |v| {
+            [a[i], b[i]] = v.map(i8::cast_unsigned);
+            i += 1;
+        });
+    }
+}
+
+impl<const LUMA: usize, const CHROMA: usize, const SIDE: usize, const CORNERS: usize> Default
+    for Trainer<LUMA, CHROMA, SIDE, CORNERS>
+{
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// Triples of `n` points.
+fn triples(n: usize) -> u32 {
+    u32::try_from(n * n.saturating_sub(1) * n.saturating_sub(2) / 6).unwrap_or(u32::MAX)
+}
+
+/// Size of the template of a picture: at most [`TEMPLATE_SIDE`], at least 8.
+fn template_size(w: usize, h: usize) -> (usize, usize) {
+    let longer = w.max(h);
+    let side = |v: usize| (v * TEMPLATE_SIDE / longer).clamp(8, TEMPLATE_SIDE);
+    (side(w), side(h))
+}
+
+/// The pyramid level to sample for a view of this scale.
+fn level_for(scale: f32) -> usize {
+    let l = math::floor(math::log2(1.0 / scale) + 0.35);
+    usize::try_from(l).unwrap_or(0).min(LEVELS - 1)
+}
+
+/// Renders the picture under an affine map (target px to picture px).
+fn render(picture: &PyramidView<'_>, to: &Homography, scale: f32, width: usize, luma: &mut [u8], chroma: [&mut [i8]; 2]) {
+    let height = luma.len() / width;
+    render_luma(picture, to, scale, width, luma);
+    let [a, b] = chroma;
+    let mut i = 0;
+    render_chroma(picture, to, scale, width / 2, height / 2, |v| {
+        [a[i], b[i]] = v;
+        i += 1;
+    });
+}
+
+fn render_luma(picture: &PyramidView<'_>, to: &Homography, scale: f32, width: usize, luma: &mut [u8]) {
+    let level = level_for(scale);
+    let plane = picture.luma(level);
+    let s = 1.0 / f32::from(1u8 << level);
+    for (y, row) in luma.chunks_exact_mut(width).enumerate() {
+        for (x, o) in row.iter_mut().enumerate() {
+            let [u, v] = to.apply([x as f32, y as f32]).map(|v| (v + 0.5) * s - 0.5);
+            let (ix, iy) = (math::floor(u), math::floor(v));
+            let (fx, fy) = (u - ix as f32, v - iy as f32);
+            let at = |dx, dy| f32::from(plane.nearest(ix + dx, iy + dy));
+            let top = at(0, 0) + fx * (at(1, 0) - at(0, 0));
+            let low = at(0, 1) + fx * (at(1, 1) - at(0, 1));
+            *o = u8::try_from(math::round(top + fy * (low - top)).clamp(0, 255)).unwrap_or(0);
+        }
+    }
+}
+
+/// Calls `put` with the chroma of each pixel of a half-size plane, row by row.
+fn render_chroma(
+    picture: &PyramidView<'_>,
+    to: &Homography,
+    scale: f32,
+    width: usize,
+    height: usize,
+    mut put: impl FnMut([i8; 2]),
+) {
+    let level = level_for(scale);
+    let planes = picture.chroma(level);
+    let s = 0.5 / f32::from(1u8 << level);
+    for y in 0..height {
+        for x in 0..width {
+            let [u, v] = to.apply([2.0 * x as f32 + 0.5, 2.0 * y as f32 + 0.5]);
+            let (u, v) = (math::floor((u + 0.5) * s), math::floor((v + 0.5) * s));
+            put(planes.map(|p| p.nearest(u, v)));
+        }
+    }
+}
+
+/// Calls `found` with every keygraph on the corners that is likely enough, and its
+/// cost. Vertices are indices of corners.
+fn each_keygraph(corners: &[Corner], rules: &Parameters, mut found: impl FnMut(&Keygraph, u32)) {
+    let mut points = [Point::default(); MAX_VIEW_KEYPOINTS];
+    let n = corners.len().min(points.len());
+    for (p, c) in points.iter_mut().zip(corners) {
+        *p = c.point;
+    }
+    let points = &points[..n];
+    let id = |i: usize| u16::try_from(i).unwrap_or(0);
+    for k in 2..n {
+        for j in 1..k {
+            for i in 0..j {
+                let cost = if rules.grow { cost(points, [i, j, k]) } else { 0 };
+                if cost > MAX_COST {
+                    continue;
+                }
+                if let Some(kg) = Keygraph::new([i, j, k].map(|v| points[v]), [i, j, k].map(id), &rules.scalene) {
+                    found(&kg, cost);
+                }
+            }
+        }
+    }
+}
+
+/// How unlikely a frame's triangulation is to contain the triple, whose last index
+/// is its largest (see the top of this file); above [`MAX_COST`] it is not counted
+/// to the end.
+fn cost(points: &[Point], [i, j, k]: [usize; 3]) -> u32 {
+    let (a, mut b, mut c) = (points[i], points[j], points[k]);
+    match orient(a, b, c) {
+        0 => return u32::MAX,
+        o if o < 0 => core::mem::swap(&mut b, &mut c),
+        _ => {}
+    }
+    let mut cost = 0;
+    for (l, &p) in points.iter().enumerate().take(2 * k + 1) {
+        if l != i && l != j && l != k && in_circle(a, b, c, p) > 0 {
+            cost += if l < k { 2 } else { 1 };
+            if cost > MAX_COST {
+                break;
+            }
+        }
+    }
+    cost
+}
+
+/// How many keygraphs of each cost a subset has, and how many are kept.
+#[derive(Debug)]
+struct Table {
+    counts: [[u16; COSTS]; CELLS],
+    /// Where each subset starts in the model.
+    starts: [u32; CELLS + 1],
+    /// How many of each subset have been placed.
+    placed: [u32; CELLS],
+    /// How many of the cost that is kept in part have come by.
+    partial: [u16; CELLS],
+}
+
+impl Table {
+    const fn new() -> Self {
+        Self { counts: [[0; COSTS]; CELLS], starts: [0; CELLS + 1], placed: [0; CELLS], partial: [0; CELLS] }
+    }
+
+    fn clear(&mut self) {
+        self.counts = [[0; COSTS]; CELLS];
+        self.placed = [0; CELLS];
+        self.partial = [0; CELLS];
+    }
+
+    fn count(&mut self, cell: usize, cost: u32) {
+        let c = &mut self.counts[cell][cost as usize];
+        *c = c.saturating_add(1);
+    }
+
+    fn total(&self) -> u32 {
+        self.counts.iter().flatten().map(|&n| u32::from(n)).sum()
+    }
+
+    /// How many of `cell` cost less than `below`, at most `cap`.
+    fn cheaper(&self, cell: usize, below: usize, cap: usize) -> usize {
+        self.counts[cell][..below].iter().map(|&n| usize::from(n)).sum::<usize>().min(cap)
+    }
+
+    /// Shares `total` places among the subsets, cheap keygraphs first and no more
+    /// than `cap` in a subset, and says how many are taken.
+    fn allot(&mut self, total: usize, cap: usize) -> usize {
+        let all = |t: &Self, below| (0..CELLS).map(|c| t.cheaper(c, below, cap)).sum::<usize>();
+        let mut below = 0;
+        while below < COSTS && all(self, below + 1) <= total {
+            below += 1;
+        }
+        let taken = all(self, below);
+        // Of the next cost every subset gets the same fraction.
+        let (left, next) = (total - taken, if below < COSTS { all(self, below + 1) - taken } else { 0 });
+        let mut start = 0;
+        for c in 0..CELLS {
+            let sure = self.cheaper(c, below, cap);
+            let more = if next > 0 { (self.cheaper(c, below + 1, cap) - sure) * left / next } else { 0 };
+            self.starts[c] = start;
+            start += u32::try_from(sure + more).unwrap_or(0);
+        }
+        self.starts[CELLS] = start;
+        start as usize
+    }
+
+    fn range(&self, cell: usize) -> core::ops::Range<usize> {
+        self.starts[cell] as usize..self.starts[cell + 1] as usize
+    }
+
+    /// The place of the next keygraph of this subset and cost, if it is kept. Of
+    /// the cost that is kept in part, evenly spread ones are.
+    fn place(&mut self, cell: usize, cost: u32) -> Option<usize> {
+        let range = self.range(cell);
+        let n = range.len();
+        let mut sure = 0;
+        for (i, &count) in self.counts[cell].iter().enumerate() {
+            let count = usize::from(count);
+            if i == cost as usize {
+                let kept = n.saturating_sub(sure).min(count);
+                if kept < count {
+                    let t = usize::from(self.partial[cell]);
+                    self.partial[cell] = self.partial[cell].saturating_add(1);
+                    if (t + 1) * kept / count == t * kept / count {
+                        return None;
+                    }
+                }
+                break;
+            }
+            sure += count;
+        }
+        let at = range.start + self.placed[cell] as usize;
+        (at < range.end).then(|| {
+            self.placed[cell] += 1;
+            at
+        })
+    }
+
+    fn write(&self, out: &mut [u8]) {
+        for (o, s) in out.chunks_exact_mut(4).zip(self.starts) {
+            o.copy_from_slice(&s.to_le_bytes());
+        }
+    }
+}
+
+pub(crate) fn put_u16(r: &mut [u8], at: usize, v: usize) {
+    r[at..at + 2].copy_from_slice(&u16::try_from(v).unwrap_or(u16::MAX).to_le_bytes());
+}
+
+pub(crate) fn put_u32(r: &mut [u8], at: usize, v: usize) {
+    r[at..at + 4].copy_from_slice(&u32::try_from(v).unwrap_or(u32::MAX).to_le_bytes());
+}
+
+#[allow(clippy::too_many_arguments, reason = "one record, written once")]
+fn write_view(
+    out: &mut [u8],
+    layout: &Layout,
+    i: usize,
+    plan: &Plan,
+    loaded: PyramidView<'_>,
+    original: (u32, u32),
+    first: usize,
+    keypoints: usize,
+) {
+    let r = &mut out[layout.views + VIEW * i..][..VIEW];
+    let (w, h) = (loaded.width() as f32, loaded.height() as f32);
+    let (sx, sy) = (original.0 as f32 / w, original.1 as f32 / h);
+    let to_original = Homography::affine([sx, 0.0, (sx - 1.0) / 2.0, 0.0, sy, (sy - 1.0) / 2.0]);
+    let to_picture = to_original.after(&plan.to_loaded);
+    put_u16(r, 0, 0);
+    put_u16(r, 2, keypoints);
+    put_u32(r, 4, first);
+    let middle = [plan.width, plan.height].map(|v| (v as f32 - 1.0) / 2.0);
+    let scale = plan.scale / math::sqrt(sx * sy);
+    let floats = to_picture.0[..6].iter().chain(&middle).chain(core::iter::once(&scale));
+    for (o, v) in r[8..].chunks_exact_mut(4).zip(floats) {
+        o.copy_from_slice(&v.to_le_bytes());
+    }
+}
+
+fn write_keygraph(out: &mut [u8], layout: &Layout, at: usize, view: usize, k: &Keygraph, feature: &[u8]) {
+    out[layout.keys + KEY * at..][..KEY].copy_from_slice(&[k.key.largest, k.key.second, k.size]);
+    let r = &mut out[layout.vertices + VERTICES * at..][..VERTICES];
+    put_u16(r, 0, view);
+    for (o, v) in r[2..].iter_mut().zip(k.vertices) {
+        *o = v.to_le_bytes()[0];
+    }
+    out[layout.features + feature.len() * at..][..feature.len()].copy_from_slice(feature);
+}
+
+/// Sorts the keygraphs of a subset by their keys, in place (heap sort over three
+/// parallel sections).
+pub(crate) fn sort_cell(out: &mut [u8], layout: &Layout, feature_bytes: usize, range: core::ops::Range<usize>) {
+    let start = range.start;
+    let key = |out: &[u8], i: usize| -> [u8; KEY] {
+        core::array::from_fn(|b| out[layout.keys + KEY * (start + i) + b])
+    };
+    let swap = |out: &mut [u8], i: usize, j: usize| {
+        for (section, each) in [(layout.keys, KEY), (layout.vertices, VERTICES), (layout.features, feature_bytes)] {
+            for b in 0..each {
+                out.swap(section + each * (start + i) + b, section + each * (start + j) + b);
+            }
+        }
+    };
+    let sift = |out: &mut [u8], mut root: usize, n: usize| {
+        loop {
+            let mut child = 2 * root + 1;
+            if child >= n {
+                return;
+            }
+            if child + 1 < n && key(out, child) < key(out, child + 1) {
+                child += 1;
+            }
+            if key(out, root) >= key(out, child) {
+                return;
+            }
+            swap(out, root, child);
+            root = child;
+        }
+    };
+    let n = range.len();
+    for i in (0..n / 2).rev() {
+        sift(out, i, n);
+    }
+    for end in (1..n).rev() {
+        swap(out, 0, end);
+        sift(out, 0, end);
+    }
+}
+
+/// Writes the header, and last the checksum over everything behind it.
+pub(crate) fn write_header(out: &mut [u8], method: Method, feature: FeatureKind, counts: [usize; 5]) {
+    out[..4].copy_from_slice(&MAGIC);
+    put_u16(out, 4, usize::from(VERSION));
+    put_u16(out, 6, HEADER);
+    put_u32(out, 8, out.len());
+    out[16] = match method {
+        Method::Keygraph => 0,
+        Method::Paper => 1,
+    };
+    out[17] = match feature {
+        FeatureKind::Chroma => 1,
+        FeatureKind::Luma => 2,
+        FeatureKind::Both => 3,
+    };
+    put_u16(out, 18, 0);
+    for (i, n) in counts.into_iter().enumerate() {
+        put_u32(out, 20 + 4 * i, n);
+    }
+    let crc = crc32(&out[CHECKED..]);
+    out[12..16].copy_from_slice(&crc.to_le_bytes());
+}
+
+/// Length of the subset table's entry `cell` in a model under construction.
+pub(crate) fn cell_range(out: &[u8], layout: &Layout, cell: usize) -> core::ops::Range<usize> {
+    size_at(out, layout.cells + 4 * cell)..size_at(out, layout.cells + 4 * cell + 4)
+}
