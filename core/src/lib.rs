@@ -6,6 +6,7 @@ pub mod capacity;
 pub mod math;
 pub mod geometry;
 pub mod frame;
+pub mod shrink;
 pub mod pyramid;
 pub mod corners;
 pub mod delaunay;

@@ -1,0 +1,102 @@
+//! Training on pictures.
+//!
+//! In: a picture of any size, and a preset. Out: the bytes of a model and what
+//! there is to tell about it.
+
+use std::sync::Mutex;
+
+use anyhow::{Context, Result};
+use keygraph_core::feature::FeatureKind;
+use keygraph_core::frame::Frame;
+use keygraph_core::model::Method;
+use keygraph_core::train::{TrainParams, Trained, VgaTrainer, ViewSpec};
+
+use crate::input::Picture;
+use crate::search::fit;
+
+/// How much a model holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Preset {
+    /// Up to 6 MB: finds most.
+    Large,
+    /// Up to 1.5 MB: fits the flash of the larger boards.
+    Standard,
+    /// Up to 512 KB: fits most boards.
+    Compact,
+    /// The paper as written, of whatever size.
+    Paper,
+}
+
+const fn upright(side_px: f32, keypoints: u8) -> ViewSpec {
+    ViewSpec { side_px, squeeze: 1.0, direction_deg: 0.0, keypoints }
+}
+
+const fn tilted(side_px: f32, squeeze: f32, direction_deg: f32, keypoints: u8) -> ViewSpec {
+    ViewSpec { side_px, squeeze, direction_deg, keypoints }
+}
+
+const VIEWS: [ViewSpec; 13] = [
+    upright(400.0, 110),
+    upright(280.0, 110),
+    upright(200.0, 100),
+    upright(140.0, 90),
+    upright(100.0, 70),
+    tilted(320.0, 0.7, 0.0, 80),
+    tilted(320.0, 0.7, 45.0, 80),
+    tilted(320.0, 0.7, 90.0, 80),
+    tilted(320.0, 0.7, 135.0, 80),
+    tilted(180.0, 0.7, 0.0, 80),
+    tilted(180.0, 0.7, 45.0, 80),
+    tilted(180.0, 0.7, 90.0, 80),
+    tilted(180.0, 0.7, 135.0, 80),
+];
+
+const PAPER_VIEW: [ViewSpec; 1] = [upright(640.0, 79)];
+
+impl Preset {
+    /// Most bytes of a model.
+    #[must_use]
+    pub const fn bytes(self) -> usize {
+        match self {
+            Self::Large => 6_000_000,
+            Self::Standard => 1_500_000,
+            Self::Compact => 512 << 10,
+            Self::Paper => 8 << 20,
+        }
+    }
+
+    /// The core's parameters for it.
+    #[must_use]
+    pub const fn params(self, name: &str, luma_only: bool) -> TrainParams<'_> {
+        let (method, views): (_, &'static [ViewSpec]) = match self {
+            Self::Paper => (Method::Paper, &PAPER_VIEW),
+            _ => (Method::Keygraph, &VIEWS),
+        };
+        let feature = match self {
+            _ if luma_only => FeatureKind::Luma,
+            Self::Paper => FeatureKind::Chroma,
+            _ => FeatureKind::Both,
+        };
+        let max_per_cell = match self {
+            Self::Paper => usize::MAX,
+            _ => 4000,
+        };
+        TrainParams { name, method, feature, views, max_keygraphs: usize::MAX, max_per_cell }
+    }
+}
+
+/// Trains on `picture`.
+///
+/// # Errors
+/// When the picture is too small, or has too little texture.
+pub fn train(picture: &Picture, name: &str, preset: Preset, luma_only: bool) -> Result<(Vec<u8>, Trained)> {
+    static TRAINER: Mutex<VgaTrainer> = Mutex::new(VgaTrainer::new());
+    let scaled = fit(picture, 640, 640 * 480);
+    let frame = Frame::new(scaled.format, scaled.width, scaled.height, &scaled.data).context("the picture")?;
+    let mut model = vec![0; preset.bytes()];
+    let mut trainer = TRAINER.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+    let params = preset.params(name, luma_only);
+    let trained = trainer.train(&frame, (picture.width, picture.height), &params, &mut model)?;
+    model.truncate(trained.bytes);
+    Ok((model, trained))
+}

@@ -1,0 +1,77 @@
+//! Results as JSON: the lines and objects that other programs read.
+
+use keygraph_core::capacity::Stage;
+use keygraph_core::model::Model;
+use serde_json::{Map, Value, json};
+
+use crate::search::Found;
+
+/// A number with `digits` decimals.
+fn rounded(v: f32, digits: i32) -> Value {
+    let k = 10f64.powi(digits);
+    json!((f64::from(v) * k).round() / k)
+}
+
+fn milliseconds(ns: u64) -> Value {
+    json!((ns as f64 / 1e3).round() / 1e3)
+}
+
+/// The line of one frame.
+#[must_use]
+pub fn frame_line(source: &str, frame: u64, size: (u32, u32), model: &Model<'_>, found: &Found) -> Value {
+    let detections: Vec<Value> = found
+        .detections
+        .iter()
+        .map(|d| {
+            json!({
+                "object": model.object(usize::from(d.object)).name,
+                "state": "found",
+                "score": rounded(d.score, 4),
+                "homography": d.homography.0.map(f64::from),
+                "corners": d.corners.map(|p| p.map(|v| rounded(v, 3))),
+                "votes": d.votes,
+                "agreeing": d.agreeing,
+                "correlation": rounded(d.appearance.median, 4),
+                "upper": rounded(d.appearance.upper_third, 4),
+                "blocks": d.appearance.blocks,
+                "chroma": rounded(d.appearance.chroma, 4),
+            })
+        })
+        .collect();
+    let mut stages = Map::new();
+    let mut times = Map::new();
+    times.insert("total".into(), milliseconds(found.total_ns));
+    for (i, s) in Stage::ALL.iter().enumerate() {
+        let c = &found.stats.stages[i];
+        stages.insert(s.name().into(), json!({"seen": c.seen, "kept": c.kept, "dropped": c.dropped}));
+        times.insert(s.name().into(), milliseconds(found.stats.ticks[i]));
+    }
+    json!({
+        "source": source, "frame": frame, "width": size.0, "height": size.1,
+        "detections": detections, "stages": stages, "time_ms": times,
+    })
+}
+
+/// The line of a frame that could not be read.
+#[must_use]
+pub fn error_line(source: &str, frame: u64, error: &str) -> Value {
+    json!({"source": source, "frame": frame, "error": error, "detections": []})
+}
+
+/// What `train --json` and `inspect --json` print.
+#[must_use]
+pub fn model_object(model: &Model<'_>) -> Value {
+    let objects = || (0..model.objects()).map(|i| model.object(i));
+    let (cells_used, largest_cell) = model.occupancy();
+    json!({
+        "objects": objects().map(|o| json!({"name": o.name, "width": o.width, "height": o.height})).collect::<Vec<_>>(),
+        "keypoints": model.keypoints(),
+        "triples": objects().map(|o| u64::from(o.triples)).sum::<u64>(),
+        "keygraphs": model.keygraphs(),
+        "cells_used": cells_used,
+        "largest_cell": largest_cell,
+        "bytes": model.bytes().len(),
+        "feature": model.feature().name(),
+        "views": model.views(),
+    })
+}

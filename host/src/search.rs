@@ -1,0 +1,186 @@
+//! Frames into the core's detectors: scaling to the profile, one detector a
+//! thread, results in the pixels of the input.
+
+use std::borrow::Cow;
+use std::sync::{Mutex, MutexGuard};
+use std::time::Instant;
+
+use anyhow::Result;
+use keygraph_core::detect::{Detection, HdDetector, QqvgaDetector, QvgaDetector, Stats, VgaDetector};
+use keygraph_core::frame::{Frame, FrameError, PixelFormat};
+use keygraph_core::geometry::Homography;
+use keygraph_core::model::Model;
+use keygraph_core::shrink::shrink;
+
+use crate::input::{Picture, Pixels};
+
+/// A frame size that detectors are built for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Profile {
+    /// 1280 x 720, 12 MB.
+    Hd,
+    /// 640 x 480, 4 MB.
+    Vga,
+    /// 320 x 240, 480 KB.
+    Qvga,
+    /// 160 x 120, 160 KB.
+    Qqvga,
+}
+
+impl Profile {
+    /// Longest side and most pixels of a frame.
+    #[must_use]
+    pub const fn limits(self) -> (usize, usize) {
+        match self {
+            Self::Hd => (1280, 1280 * 720),
+            Self::Vga => (640, 640 * 480),
+            Self::Qvga => (320, 320 * 240),
+            Self::Qqvga => (160, 160 * 120),
+        }
+    }
+}
+
+/// A picture as the core takes it, scaled down where it had to be.
+#[derive(Debug)]
+pub struct Scaled<'a> {
+    /// Pixel format.
+    pub format: PixelFormat,
+    /// Width, px.
+    pub width: usize,
+    /// Height, px.
+    pub height: usize,
+    /// The pixels.
+    pub data: Cow<'a, [u8]>,
+    /// Scaled px per original px, both ways.
+    pub scale: [f32; 2],
+}
+
+/// Scales `picture` down until its longer side is at most `side` px and it has at
+/// most `pixels` px.
+#[must_use]
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "sizes of pictures")]
+pub fn fit(picture: &Picture, side: usize, pixels: usize) -> Scaled<'_> {
+    let (w, h) = (picture.width as usize, picture.height as usize);
+    let (format, bytes) = match &picture.pixels {
+        Pixels::Rgb8(b) => (PixelFormat::Rgb8, b),
+        Pixels::Gray8(b) => (PixelFormat::Gray8, b),
+        Pixels::I420(b) => (PixelFormat::I420, b),
+    };
+    let f = (side as f64 / w.max(h) as f64).min((pixels as f64 / (w * h) as f64).sqrt()).min(1.0);
+    if f >= 1.0 {
+        return Scaled { format, width: w, height: h, data: Cow::Borrowed(bytes), scale: [1.0; 2] };
+    }
+    let even = if format == PixelFormat::I420 { !1 } else { !0 };
+    let size = |v: usize| ((v as f64 * f + 1e-6) as usize & even).max(2);
+    let (dw, dh) = (size(w), size(h));
+    let mut data = vec![0; format.bytes(dw, dh)];
+    match format {
+        PixelFormat::I420 => {
+            let (y, uv) = data.split_at_mut(dw * dh);
+            let (u, v) = uv.split_at_mut(dw * dh / 4);
+            shrink(bytes, 1, (w, h), y, (dw, dh));
+            shrink(&bytes[w * h..], 1, (w / 2, h / 2), u, (dw / 2, dh / 2));
+            shrink(&bytes[w * h * 5 / 4..], 1, (w / 2, h / 2), v, (dw / 2, dh / 2));
+        }
+        PixelFormat::Rgb8 => shrink(bytes, 3, (w, h), &mut data, (dw, dh)),
+        _ => shrink(bytes, 1, (w, h), &mut data, (dw, dh)),
+    }
+    let scale = [dw as f32 / w as f32, dh as f32 / h as f32];
+    Scaled { format, width: dw, height: dh, data: Cow::Owned(data), scale }
+}
+
+/// What was found in one frame, in px of the input.
+#[derive(Clone, Debug)]
+pub struct Found {
+    /// Detections, best score first.
+    pub detections: Vec<Detection>,
+    /// What the stages did; ticks are nanoseconds.
+    pub stats: Stats,
+    /// Everything from the decoded pixels to the detections, ns.
+    pub total_ns: u64,
+    /// Corners of the frame, if asked for.
+    pub corners: Vec<[f32; 2]>,
+    /// Triangles that agree with each detection, if asked for.
+    pub supporters: Vec<Vec<[[f32; 2]; 3]>>,
+}
+
+/// A detector of any profile.
+pub trait Engine {
+    /// [`keygraph_core::detect::Detector::detect`] and what there is to tell.
+    ///
+    /// # Errors
+    /// As the core.
+    fn run(&mut self, frame: &Frame<'_>, model: &Model<'_>, threshold: f32, details: bool) -> Result<Found, FrameError>;
+}
+
+macro_rules! engine {
+    ($($detector:ty, $pool:ident;)*) => {$(
+        static $pool: [Mutex<$detector>; MAX_THREADS] = [const { Mutex::new(<$detector>::new()) }; MAX_THREADS];
+
+        impl Engine for $detector {
+            fn run(&mut self, frame: &Frame<'_>, model: &Model<'_>, threshold: f32, details: bool) -> Result<Found, FrameError> {
+                let start = Instant::now();
+                let mut clock = || u64::try_from(start.elapsed().as_nanos()).unwrap_or(u64::MAX);
+                let detections = self.detect(frame, model, threshold, &mut clock)?.to_vec();
+                let mut found = Found { detections, stats: *self.stats(), total_ns: 0, corners: Vec::new(), supporters: Vec::new() };
+                if details {
+                    found.corners = self.corners().collect();
+                    found.supporters = found.detections.iter().map(|d| self.supporters(model, d).collect()).collect();
+                }
+                Ok(found)
+            }
+        }
+    )*};
+}
+
+/// Most frames that are searched at once: detectors live in statics, which cost
+/// nothing until they are used.
+pub const MAX_THREADS: usize = 8;
+
+engine! {
+    HdDetector, HD;
+    VgaDetector, VGA;
+    QvgaDetector, QVGA;
+    QqvgaDetector, QQVGA;
+}
+
+/// Looks for the model's objects in `picture` with the detector of thread `slot`.
+///
+/// # Errors
+/// When the picture is too small.
+pub fn search(
+    picture: &Picture,
+    model: &Model<'_>,
+    profile: Profile,
+    threshold: f32,
+    details: bool,
+    slot: usize,
+) -> Result<Found> {
+    let start = Instant::now();
+    let (side, pixels) = profile.limits();
+    let scaled = fit(picture, side, pixels);
+    let frame = Frame::new(scaled.format, scaled.width, scaled.height, &scaled.data)?;
+    let slot = slot % MAX_THREADS;
+    let mut found = match profile {
+        Profile::Hd => lock(&HD[slot]).run(&frame, model, threshold, details),
+        Profile::Vga => lock(&VGA[slot]).run(&frame, model, threshold, details),
+        Profile::Qvga => lock(&QVGA[slot]).run(&frame, model, threshold, details),
+        Profile::Qqvga => lock(&QQVGA[slot]).run(&frame, model, threshold, details),
+    }?;
+    let [sx, sy] = scaled.scale;
+    let back = Homography::affine([1.0 / sx, 0.0, 0.5 / sx - 0.5, 0.0, 1.0 / sy, 0.5 / sy - 0.5]);
+    for d in &mut found.detections {
+        d.homography = back.after(&d.homography).normalised();
+        d.corners = d.corners.map(|p| back.apply(p));
+    }
+    for p in found.corners.iter_mut().chain(found.supporters.iter_mut().flatten().flatten()) {
+        *p = back.apply(*p);
+    }
+    found.total_ns = u64::try_from(start.elapsed().as_nanos()).unwrap_or(u64::MAX);
+    Ok(found)
+}
+
+fn lock<T>(m: &Mutex<T>) -> MutexGuard<'_, T> {
+    // A detector carries nothing from frame to frame that a panic could harm.
+    m.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
+}
