@@ -19,7 +19,7 @@ use crate::corners::{Corner, SCRATCH_ROWS, detect_corners, rank_by_radius, rank_
 use crate::delaunay::{Triangulation, Triple, triangulate};
 use crate::feature::{Feature, extract};
 use crate::frame::{Frame, FrameError};
-use crate::geometry::{Homography, Point, area};
+use crate::geometry::{Homography, Point, area, contains};
 use crate::keygraph::{Keygraph, collect_keygraphs};
 use crate::math;
 use crate::method::{Parameters, Ranking};
@@ -552,13 +552,11 @@ fn score(d: &Detection) -> f32 {
     1.0 / (1.0 + math::exp(-logit))
 }
 
-/// Whether two outlines stand for one instance: the middle of one lies near the
-/// middle of the other, in units of the smaller.
+/// Whether two outlines of one object stand for one instance: the middle of one
+/// lies inside the other (two planar objects cannot be at one place).
 fn overlap(a: &[[f32; 2]; 4], b: &[[f32; 2]; 4]) -> bool {
-    let middle = |o: &[[f32; 2]; 4], i: usize| o.iter().map(|p| p[i]).sum::<f32>() / 4.0;
-    let (dx, dy) = (middle(a, 0) - middle(b, 0), middle(a, 1) - middle(b, 1));
-    let size2 = area(a).abs().min(area(b).abs());
-    dx * dx + dy * dy < 0.25 * size2
+    let middle = |o: &[[f32; 2]; 4]| [0, 1].map(|i| o.iter().map(|p| p[i]).sum::<f32>() / 4.0);
+    contains(a, middle(b)) || contains(b, middle(a))
 }
 
 /// Lengths fit `u32`: every buffer is far smaller.

@@ -161,6 +161,16 @@ pub fn is_convex(outline: &[[f32; 2]]) -> bool {
     })
 }
 
+/// Whether a convex polygon with positive area holds `p`.
+#[must_use]
+pub fn contains(outline: &[[f32; 2]], p: [f32; 2]) -> bool {
+    let n = outline.len();
+    (0..n).all(|i| {
+        let (a, b) = (outline[i], outline[(i + 1) % n]);
+        (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0]) >= 0.0
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -203,6 +213,7 @@ mod tests {
         let square = Homography::IDENTITY.outline(4.0, 3.0);
         assert_eq!(area(&square), 12.0);
         assert!(is_convex(&square));
+        assert!(contains(&square, [3.9, 0.1]) && !contains(&square, [4.1, 1.0]));
         let mut bow = square;
         bow.swap(2, 3);
         assert!(!is_convex(&bow));

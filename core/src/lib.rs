@@ -13,6 +13,7 @@ pub mod delaunay;
 pub mod keygraph;
 pub mod feature;
 pub mod model;
+pub mod write;
 pub mod classify;
 pub mod vote;
 pub mod pose;

@@ -30,11 +30,9 @@ use crate::geometry::{Homography, Point, in_circle, orient};
 use crate::keygraph::{CELLS, Keygraph};
 use crate::math;
 use crate::method::{Parameters, Ranking};
-use crate::model::{
-    CHECKED, HEADER, KEY, KEYPOINT, Layout, MAGIC, Method, NAME_BYTES, OBJECT, VERSION, VERTICES, VIEW, crc32, size_at,
-    template_bytes,
-};
+use crate::model::{KEY, KEYPOINT, Layout, Method, NAME_BYTES, OBJECT, VERTICES, VIEW, template_bytes};
 use crate::pyramid::{Pyramid, PyramidView};
+use crate::write::{put_u16, put_u32, sort_cell, write_header};
 
 /// Views that one model can be made from.
 pub const MAX_VIEWS: usize = 64;
@@ -579,14 +577,6 @@ impl Table {
     }
 }
 
-pub(crate) fn put_u16(r: &mut [u8], at: usize, v: usize) {
-    r[at..at + 2].copy_from_slice(&u16::try_from(v).unwrap_or(u16::MAX).to_le_bytes());
-}
-
-pub(crate) fn put_u32(r: &mut [u8], at: usize, v: usize) {
-    r[at..at + 4].copy_from_slice(&u32::try_from(v).unwrap_or(u32::MAX).to_le_bytes());
-}
-
 #[allow(clippy::too_many_arguments, reason = "one record, written once")]
 fn write_view(
     out: &mut [u8],
@@ -622,72 +612,4 @@ fn write_keygraph(out: &mut [u8], layout: &Layout, at: usize, view: usize, k: &K
         *o = v.to_le_bytes()[0];
     }
     out[layout.features + feature.len() * at..][..feature.len()].copy_from_slice(feature);
-}
-
-/// Sorts the keygraphs of a subset by their keys, in place (heap sort over three
-/// parallel sections).
-pub(crate) fn sort_cell(out: &mut [u8], layout: &Layout, feature_bytes: usize, range: core::ops::Range<usize>) {
-    let start = range.start;
-    let key = |out: &[u8], i: usize| -> [u8; KEY] {
-        core::array::from_fn(|b| out[layout.keys + KEY * (start + i) + b])
-    };
-    let swap = |out: &mut [u8], i: usize, j: usize| {
-        for (section, each) in [(layout.keys, KEY), (layout.vertices, VERTICES), (layout.features, feature_bytes)] {
-            for b in 0..each {
-                out.swap(section + each * (start + i) + b, section + each * (start + j) + b);
-            }
-        }
-    };
-    let sift = |out: &mut [u8], mut root: usize, n: usize| {
-        loop {
-            let mut child = 2 * root + 1;
-            if child >= n {
-                return;
-            }
-            if child + 1 < n && key(out, child) < key(out, child + 1) {
-                child += 1;
-            }
-            if key(out, root) >= key(out, child) {
-                return;
-            }
-            swap(out, root, child);
-            root = child;
-        }
-    };
-    let n = range.len();
-    for i in (0..n / 2).rev() {
-        sift(out, i, n);
-    }
-    for end in (1..n).rev() {
-        swap(out, 0, end);
-        sift(out, 0, end);
-    }
-}
-
-/// Writes the header, and last the checksum over everything behind it.
-pub(crate) fn write_header(out: &mut [u8], method: Method, feature: FeatureKind, counts: [usize; 5]) {
-    out[..4].copy_from_slice(&MAGIC);
-    put_u16(out, 4, usize::from(VERSION));
-    put_u16(out, 6, HEADER);
-    put_u32(out, 8, out.len());
-    out[16] = match method {
-        Method::Keygraph => 0,
-        Method::Paper => 1,
-    };
-    out[17] = match feature {
-        FeatureKind::Chroma => 1,
-        FeatureKind::Luma => 2,
-        FeatureKind::Both => 3,
-    };
-    put_u16(out, 18, 0);
-    for (i, n) in counts.into_iter().enumerate() {
-        put_u32(out, 20 + 4 * i, n);
-    }
-    let crc = crc32(&out[CHECKED..]);
-    out[12..16].copy_from_slice(&crc.to_le_bytes());
-}
-
-/// Length of the subset table's entry `cell` in a model under construction.
-pub(crate) fn cell_range(out: &[u8], layout: &Layout, cell: usize) -> core::ops::Range<usize> {
-    size_at(out, layout.cells + 4 * cell)..size_at(out, layout.cells + 4 * cell + 4)
 }

@@ -146,7 +146,7 @@ impl Bin {
 pub struct Candidate {
     /// The object.
     pub object: u16,
-    /// The middle of its bin.
+    /// The mean of the votes in and near its bin.
     pub pose: Similarity,
     /// Its votes.
     pub weight: u32,
@@ -223,7 +223,41 @@ pub fn vote(votes: &[Vote], rule: &VoteRule, bins: &mut [Bin], out: &mut VecView
         }
     }
     peaks(bins, rule, out);
+    for c in out.iter_mut() {
+        c.pose = mean(votes, c);
+    }
     stats
+}
+
+/// The mean pose of the votes within (soft) reach of the candidate's bin.
+fn mean(votes: &[Vote], c: &Candidate) -> Similarity {
+    let reach = c.pose.size_px() / 4.0;
+    let (mut sum, mut n) = ([0.0f32; 4], 0.0f32);
+    for v in votes.iter().filter(|v| v.object == c.object) {
+        let p = &v.pose;
+        let d = [
+            p.centre[0] - c.pose.centre[0],
+            p.centre[1] - c.pose.centre[1],
+            f32::from(p.rotation.wrapping_sub(c.pose.rotation).cast_signed()),
+            f32::from(p.size.saturating_sub(c.pose.size)),
+        ];
+        let limits = [reach, reach, 65536.0 / ROTATIONS as f32, 128.0];
+        if d.iter().zip(limits).all(|(d, l)| d.abs() <= 0.75 * l) {
+            let w = f32::from(v.weight);
+            sum.iter_mut().zip(d).for_each(|(s, d)| *s += w * d);
+            n += w;
+        }
+    }
+    if n == 0.0 {
+        return c.pose;
+    }
+    let [x, y, turn, size] = sum.map(|s| s / n);
+    let step = |v: f32| i16::try_from(math::round(v)).unwrap_or(0);
+    Similarity {
+        centre: [c.pose.centre[0] + x, c.pose.centre[1] + y],
+        rotation: c.pose.rotation.wrapping_add_signed(step(turn)),
+        size: c.pose.size.saturating_add(step(size)),
+    }
 }
 
 /// The bin of a pose, an old one or a free one close to its place in the table.

@@ -8,8 +8,9 @@ use std::sync::Mutex;
 use anyhow::{Context, Result};
 use keygraph_core::feature::FeatureKind;
 use keygraph_core::frame::Frame;
-use keygraph_core::model::Method;
+use keygraph_core::model::{Method, Model};
 use keygraph_core::train::{TrainParams, Trained, VgaTrainer, ViewSpec};
+use keygraph_core::write::{pack, packed_len};
 
 use crate::input::Picture;
 use crate::search::fit;
@@ -99,4 +100,15 @@ pub fn train(picture: &Picture, name: &str, preset: Preset, luma_only: bool) -> 
     let trained = trainer.train(&frame, (picture.width, picture.height), &params, &mut model)?;
     model.truncate(trained.bytes);
     Ok((model, trained))
+}
+
+/// Merges models into one, in the order given.
+///
+/// # Errors
+/// When one is damaged, or they do not go together.
+pub fn merge(models: &[Vec<u8>]) -> Result<Vec<u8>> {
+    let parsed = models.iter().map(|m| Model::parse(m)).collect::<Result<Vec<_>, _>>()?;
+    let mut out = vec![0; packed_len(&parsed)?];
+    pack(&parsed, &mut out)?;
+    Ok(out)
 }

@@ -1,9 +1,23 @@
-//! Pictures, videos and files around [`keygraph_core`]: no vision here.
+//! Pictures, videos and files around [`keygraph_core`]: formats, devices, pages.
+//! No vision here.
+//!
+//! A file uses only files above it:
+//!
+//! - [`input`]: pictures, folders, videos and streams as one sequence of frames
+//! - [`annotate`], [`video`], [`progress`]: what is drawn, written and shown
+//! - [`search`]: one frame into a detector of the right size
+//! - [`learn`]: one picture into a model; models into one
+//! - [`report`]: results as JSON
+//! - [`run`], [`gallery`]: many frames at once, and where their pictures go
+//! - [`demo`]: the whole path on the pictures of the repository
 
 pub mod input;
 pub mod annotate;
 pub mod video;
 pub mod progress;
-pub mod learn;
 pub mod search;
+pub mod learn;
 pub mod report;
+pub mod run;
+pub mod gallery;
+pub mod demo;

@@ -1,39 +1,311 @@
-//! The command line.
-use std::path::PathBuf;
-use anyhow::{Context, Result};
-use clap::{Parser, Subcommand};
-use keygraph::learn::{Preset, train};
-use keygraph::search::{Profile, search};
-use keygraph::{input, report};
-use keygraph_core::model::Model;
+//! The command line: `keygraph train`, `pack`, `inspect`, `detect`, `demo`.
+//!
+//! Exit status 0 when all went well, 1 when something could not be read, trained
+//! or written (what could be done is done), 2 for a wrong command line.
 
-#[derive(Parser)]
-struct Cli { #[command(subcommand)] command: Command }
-#[derive(Subcommand)]
-enum Command {
-    Train { picture: PathBuf, #[arg(short)] output: PathBuf, #[arg(long)] name: Option<String>, #[arg(long, value_enum, default_value="large")] preset: Preset, #[arg(long)] luma: bool, #[arg(long)] json: bool },
-    Detect { #[arg(short)] model: PathBuf, input: Vec<PathBuf>, #[arg(long)] json: bool, #[arg(long, value_enum, default_value="vga")] profile: Profile, #[arg(long, default_value_t=0.5)] threshold: f32, #[arg(long)] threads: Option<usize> },
+use std::fs;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::{Context, Result, bail};
+use clap::{Parser, Subcommand};
+use keygraph::gallery::Gallery;
+use keygraph::input::{Pixels, Source, read_picture_noting_transparency};
+use keygraph::learn::{Preset, merge, train};
+use keygraph::progress::Progress;
+use keygraph::run::{Options, default_threads, run};
+use keygraph::search::{Found, MAX_THREADS, Profile};
+use keygraph::{demo, report};
+use keygraph_core::detect::DEFAULT_THRESHOLD;
+use keygraph_core::feature::FeatureKind;
+use keygraph_core::model::Model;
+use keygraph_core::train::Trained;
+
+/// Finds planar objects (books, posters, boxes, signs) in camera frames from one
+/// picture of each.
+#[derive(Debug, Parser)]
+#[command(version)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
 }
-fn main() -> Result<()> {
-    match Cli::parse().command {
-        Command::Train { picture, output, name, preset, luma, json: _ } => {
-            let p = input::read_picture(&picture)?;
-            let name = name.unwrap_or_else(|| picture.file_stem().unwrap_or_default().to_string_lossy().into_owned());
-            let t = std::time::Instant::now();
-            let (bytes, trained) = train(&p, &name, preset, luma)?;
-            eprintln!("{:?} {:?} {:?}", t.elapsed(), trained.view_keypoints, trained.keygraphs);
-            std::fs::write(&output, &bytes)?;
-            println!("{}", report::model_object(&Model::parse(&bytes)?));
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Make a model from one picture of an object
+    Train {
+        /// PNG or JPEG picture that shows the object, from the front, and nothing else
+        picture: PathBuf,
+        /// Model file to write
+        #[arg(short, long, value_name = "MODEL.kgm")]
+        output: PathBuf,
+        /// Name of the object [default: the picture's file name]
+        #[arg(long)]
+        name: Option<String>,
+        /// How much the model holds
+        #[arg(long, value_enum, default_value = "large")]
+        preset: Preset,
+        /// For cameras without colour
+        #[arg(long)]
+        luma: bool,
+        /// Print the report as one JSON object
+        #[arg(long)]
+        json: bool,
+    },
+    /// Merge models into one file that finds all their objects
+    Pack {
+        /// Models to merge
+        #[arg(required = true, value_name = "MODEL.kgm")]
+        models: Vec<PathBuf>,
+        /// Model file to write
+        #[arg(short, long, value_name = "ALL.kgm")]
+        output: PathBuf,
+    },
+    /// Tell what is in a model
+    Inspect {
+        /// Model to look into
+        #[arg(value_name = "MODEL.kgm")]
+        model: PathBuf,
+        /// Print it as one JSON object
+        #[arg(long)]
+        json: bool,
+    },
+    /// Find the objects of models in pictures, folders, videos or a stream
+    Detect {
+        /// Model with the objects to find; several are searched at once
+        #[arg(short, long = "model", required = true, value_name = "MODEL.kgm")]
+        models: Vec<PathBuf>,
+        /// Pictures, folders of pictures, video files, or - for a YUV4MPEG2 stream
+        #[arg(required = true, value_name = "INPUT")]
+        inputs: Vec<PathBuf>,
+        /// Print one JSON line a frame
+        #[arg(long)]
+        json: bool,
+        /// Draw what was found: into a folder, a picture, or a video file
+        #[arg(long, value_name = "DIR|FILE")]
+        annotate: Option<PathBuf>,
+        /// Size that frames are searched at; larger ones are scaled down
+        #[arg(long, value_enum, default_value = "vga")]
+        profile: Profile,
+        /// Least score of a detection, 0 to 1
+        #[arg(long, default_value_t = DEFAULT_THRESHOLD, value_parser = score)]
+        threshold: f32,
+        /// Frames searched at once [default: one a processor]
+        #[arg(long, value_parser = clap::value_parser!(u8).range(1..=MAX_THREADS as i64))]
+        threads: Option<u8>,
+    },
+    /// Train on the repository's pictures and find them in its sequence
+    Demo {
+        /// The repository's assets
+        #[arg(long, default_value = "assets")]
+        assets: PathBuf,
+        /// Folder for models and annotated frames
+        #[arg(long, default_value = "out/demo")]
+        out: PathBuf,
+    },
+}
+
+fn score(s: &str) -> Result<f32, String> {
+    match s.parse::<f32>() {
+        Ok(v) if (0.0..=1.0).contains(&v) => Ok(v),
+        _ => Err("a score lies between 0 and 1".into()),
+    }
+}
+
+fn main() -> ExitCode {
+    match dispatch(Cli::parse().command) {
+        Ok(code) => code,
+        // A reader that has seen enough (`| head`) is no failure.
+        Err(e) if e.downcast_ref::<io::Error>().is_some_and(|e| e.kind() == io::ErrorKind::BrokenPipe) => {
+            ExitCode::SUCCESS
         }
-        Command::Detect { model, input, profile, threshold, .. } => {
-            let bytes = std::fs::read(&model).context("model")?;
-            let model = Model::parse(&bytes)?;
-            for f in input::Source::open(&input)? {
-                let p = f.picture?;
-                let found = search(&p, &model, profile, threshold, false, 0)?;
-                println!("{}", report::frame_line(&f.source, f.frame, (p.width, p.height), &model, &found));
-            }
+        Err(e) => {
+            eprintln!("keygraph: {e:#}");
+            ExitCode::FAILURE
         }
     }
+}
+
+fn dispatch(command: Command) -> Result<ExitCode> {
+    match command {
+        Command::Train { picture, output, name, preset, luma, json } => {
+            train_one(&picture, &output, name, preset, luma, json)?;
+        }
+        Command::Pack { models, output } => pack_all(&models, &output)?,
+        Command::Inspect { model, json } => inspect(&model, json)?,
+        Command::Detect { models, inputs, json, annotate, profile, threshold, threads } => {
+            let options = Options {
+                profile,
+                threshold,
+                threads: threads.map_or_else(default_threads, usize::from),
+                annotate: annotate.is_some(),
+            };
+            return detect(&models, &inputs, json, annotate.as_deref(), &options);
+        }
+        Command::Demo { assets, out } => {
+            demo::demo(&assets, &out)?;
+        }
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn train_one(
+    picture: &Path,
+    output: &Path,
+    name: Option<String>,
+    preset: Preset,
+    luma: bool,
+    json: bool,
+) -> Result<()> {
+    let (pixels, transparent) = read_picture_noting_transparency(picture)?;
+    if transparent {
+        eprintln!("keygraph: {} is transparent in places: white is taken there", picture.display());
+    }
+    if matches!(pixels.pixels, Pixels::Gray8(_)) && preset == Preset::Paper && !luma {
+        bail!("{} has no colour, which the paper's features are made of: use another preset", picture.display());
+    }
+    let name = name.unwrap_or_else(|| {
+        picture.file_stem().map_or_else(|| "object".into(), |s| s.to_string_lossy().into_owned())
+    });
+    let (bytes, trained) =
+        train(&pixels, &name, preset, luma).with_context(|| format!("cannot train on {}", picture.display()))?;
+    fs::write(output, &bytes).with_context(|| format!("cannot write {}", output.display()))?;
+    let model = Model::parse(&bytes)?;
+    if json {
+        return print(&report::model_object(&model).to_string());
+    }
+    print(&format!("picture    {}, {}x{} px", picture.display(), pixels.width, pixels.height))?;
+    print(&training_report(&trained))?;
+    print(&model_report(&model, output))
+}
+
+fn training_report(t: &Trained) -> String {
+    let each = t.view_keypoints.iter().map(u16::to_string).collect::<Vec<_>>().join(" ");
+    let sum: u32 = t.view_keypoints.iter().map(|&n| u32::from(n)).sum();
+    format!(
+        "views      {}, with {each} keypoints: {sum}\nlikely     {} keygraphs, of which the caps left out {}",
+        t.view_keypoints.len(),
+        t.keygraphs.seen,
+        t.keygraphs.dropped
+    )
+}
+
+fn model_report(model: &Model<'_>, path: &Path) -> String {
+    let (used, largest) = model.occupancy();
+    let triples: u64 = (0..model.objects()).map(|i| u64::from(model.object(i).triples)).sum();
+    format!(
+        "triples    {triples} possible\nkeygraphs  {}\nsubsets    {used} used, the largest has {largest}\n\
+         model      {}, {} bytes, feature {}",
+        model.keygraphs(),
+        path.display(),
+        model.bytes().len(),
+        match model.feature() {
+            FeatureKind::Both => "both (luma and chroma)",
+            other => other.name(),
+        }
+    )
+}
+
+fn pack_all(models: &[PathBuf], output: &Path) -> Result<()> {
+    let packed = load(models)?;
+    fs::write(output, &packed).with_context(|| format!("cannot write {}", output.display()))?;
+    let model = Model::parse(&packed)?;
+    print(&format!("{} objects\n{}", model.objects(), model_report(&model, output)))
+}
+
+/// Reads models; several become one.
+fn load(paths: &[PathBuf]) -> Result<Vec<u8>> {
+    let mut models = Vec::new();
+    for path in paths {
+        let bytes = fs::read(path).with_context(|| format!("cannot read the model {}", path.display()))?;
+        Model::parse(&bytes).with_context(|| path.display().to_string())?;
+        models.push(bytes);
+    }
+    if models.len() == 1 { Ok(models.remove(0)) } else { merge(&models) }
+}
+
+fn inspect(path: &Path, json: bool) -> Result<()> {
+    let bytes = load(&[path.to_path_buf()])?;
+    let model = Model::parse(&bytes)?;
+    if json {
+        return print(&report::model_object(&model).to_string());
+    }
+    for i in 0..model.objects() {
+        let o = model.object(i);
+        print(&format!("object     {}, {}x{} px, {} keypoints", o.name, o.width, o.height, o.keypoints))?;
+    }
+    print(&model_report(&model, path))
+}
+
+fn detect(
+    models: &[PathBuf],
+    inputs: &[PathBuf],
+    json: bool,
+    annotate: Option<&Path>,
+    options: &Options,
+) -> Result<ExitCode> {
+    let bytes = load(models)?;
+    let model = Model::parse(&bytes)?;
+    let mut source = Source::open(inputs)?;
+    let mut gallery = annotate.map(Gallery::new).transpose()?;
+    let progress = Progress::new(source.len_hint(), "frames");
+    let mut failed = false;
+    run(&mut source, &model, options, |outcome| {
+        progress.tick();
+        match outcome.result {
+            Err(e) => {
+                failed = true;
+                progress.print(&format!("keygraph: {e:#}"));
+                if json {
+                    print(&report::error_line(&outcome.source, outcome.frame, &format!("{e:#}")).to_string())?;
+                }
+            }
+            Ok(s) => {
+                let line = if json {
+                    report::frame_line(&outcome.source, outcome.frame, s.size, &model, &s.found).to_string()
+                } else {
+                    in_words(&outcome.source, outcome.frame, &model, &s.found)
+                };
+                print(&line)?;
+                if let (Some(g), Some(c)) = (&mut gallery, &s.canvas) {
+                    g.add(&outcome.source, outcome.kind, c)?;
+                }
+            }
+        }
+        Ok(())
+    })?;
+    progress.finish();
+    gallery.map_or(Ok(()), Gallery::finish)?;
+    Ok(if failed { ExitCode::FAILURE } else { ExitCode::SUCCESS })
+}
+
+fn in_words(source: &str, frame: u64, model: &Model<'_>, found: &Found) -> String {
+    let what = if found.detections.is_empty() {
+        "nothing found".to_string()
+    } else {
+        let one = |d: &keygraph_core::detect::Detection| {
+            let [x, y] = [0, 1].map(|i| d.corners.iter().map(|c| c[i]).sum::<f32>() / 4.0);
+            let side = |a: [f32; 2], b: [f32; 2]| (b[0] - a[0]).hypot(b[1] - a[1]);
+            let [a, b, c, _] = d.corners;
+            let angle = (b[1] - a[1]).atan2(b[0] - a[0]).to_degrees();
+            format!(
+                "{} at ({x:.0}, {y:.0}), {:.0}x{:.0} px, turned by {angle:.0} degrees, score {:.2}",
+                model.object(usize::from(d.object)).name,
+                side(a, b),
+                side(b, c),
+                d.score
+            )
+        };
+        found.detections.iter().map(one).collect::<Vec<_>>().join("; ")
+    };
+    format!("{source} [{frame}]: {what} ({:.1} ms)", found.total_ns as f64 / 1e6)
+}
+
+/// A line on standard output, at once.
+fn print(line: &str) -> Result<()> {
+    let mut out = io::stdout().lock();
+    writeln!(out, "{line}")?;
+    out.flush()?;
     Ok(())
 }

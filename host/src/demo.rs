@@ -1,0 +1,130 @@
+//! The main job on the pictures of the repository.
+//!
+//! In: `assets/`. Out: models and annotated frames in a folder, and a summary in
+//! words, checked against the known poses of the rendered sequence.
+
+use std::fs;
+use std::path::Path;
+
+use anyhow::{Context, Result, ensure};
+use keygraph_core::detect::DEFAULT_THRESHOLD;
+use keygraph_core::model::Model;
+use serde_json::Value;
+
+use crate::gallery::Gallery;
+use crate::input::{Source, read_picture};
+use crate::learn::{Preset, merge, train};
+use crate::progress::Progress;
+use crate::run::{Options, default_threads, run};
+use crate::search::Profile;
+
+/// The objects of the sequence; each has a picture of its name.
+pub const OBJECTS: [&str; 2] = ["astronaut", "coffee"];
+
+/// A detection is right when its corners lie on average within this part of the
+/// object's size from the truth.
+const RIGHT: f32 = 0.1;
+
+/// How one object fared.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Tally {
+    /// Frames that show it.
+    pub shown: usize,
+    /// Of these, frames in which it was found at the right place.
+    pub found: usize,
+    /// Detections elsewhere, or in frames that do not show it.
+    pub wrong: usize,
+}
+
+/// Trains on the pictures under `assets`, searches the sequence and leaves models
+/// and annotated frames under `out`. Prints as it goes.
+///
+/// # Errors
+/// When the assets are not there, or `out` cannot be written.
+pub fn demo(assets: &Path, out: &Path) -> Result<[Tally; 2]> {
+    let sequence = assets.join("sequence");
+    ensure!(
+        sequence.is_dir(),
+        "{} is not there: run the demo in the repository, or say where its assets are with --assets",
+        sequence.display()
+    );
+    let frames = out.join("frames");
+    fs::create_dir_all(&frames).with_context(|| format!("cannot make the folder {}", frames.display()))?;
+
+    let mut models = Vec::new();
+    for name in OBJECTS {
+        let path = assets.join("pictures").join(name).with_extension("jpg");
+        let (model, trained) = train(&read_picture(&path)?, name, Preset::Large, false)?;
+        println!(
+            "Trained {name} from {}: {} keygraphs on {} keypoints, {:.1} MB.",
+            path.display(),
+            trained.keygraphs.kept,
+            trained.view_keypoints.iter().map(|&n| u32::from(n)).sum::<u32>(),
+            model.len() as f64 / 1e6
+        );
+        models.push(model);
+    }
+    let packed = merge(&models)?;
+    let model_path = out.join("demo.kgm");
+    fs::write(&model_path, &packed).with_context(|| format!("cannot write {}", model_path.display()))?;
+    let model = Model::parse(&packed)?;
+
+    let truth = fs::read_to_string(sequence.join("truth.json")).context("the true poses of the sequence")?;
+    let truth: Value = serde_json::from_str(&truth)?;
+    let mut source = Source::open(&[sequence])?;
+    let progress = Progress::new(source.len_hint(), "frames");
+    let mut gallery = Gallery::new(&frames)?;
+    let options =
+        Options { profile: Profile::Vga, threshold: DEFAULT_THRESHOLD, threads: default_threads(), annotate: true };
+    let mut tallies = [Tally::default(); 2];
+    let mut times = Vec::new();
+    let mut index = 0;
+    run(&mut source, &model, &options, |outcome| {
+        let searched = outcome.result?;
+        for (o, tally) in tallies.iter_mut().enumerate() {
+            let h = true_pose(&truth[index]["objects"][OBJECTS[o]]);
+            let object = model.object(o);
+            let quad = h.map(|h| h.outline(object.width as f32, object.height as f32));
+            let mine = searched.found.detections.iter().filter(|d| usize::from(d.object) == o);
+            let right = mine.clone().any(|d| quad.is_some_and(|q| error(&d.corners, &q) < RIGHT));
+            tally.shown += usize::from(quad.is_some());
+            tally.found += usize::from(right);
+            tally.wrong += mine.count() - usize::from(right);
+        }
+        index += 1;
+        times.push(searched.found.total_ns);
+        if let Some(c) = &searched.canvas {
+            gallery.add(&outcome.source, outcome.kind, c)?;
+        }
+        progress.tick();
+        Ok(())
+    })?;
+    gallery.finish()?;
+    progress.finish();
+
+    times.sort_unstable();
+    let median = times.get(times.len() / 2).copied().unwrap_or(0);
+    println!("Searched {index} frames of 640x480 for both objects at once, {:.0} ms each (median).", median as f64 / 1e6);
+    for (name, t) in OBJECTS.iter().zip(&tallies) {
+        println!(
+            "  {name}: found in {} of the {} frames that show it; {} wrong.",
+            t.found,
+            t.shown,
+            if t.wrong == 0 { "none".into() } else { t.wrong.to_string() }
+        );
+    }
+    println!("Look at {}; the model is {}.", frames.display(), model_path.display());
+    Ok(tallies)
+}
+
+fn true_pose(v: &Value) -> Option<keygraph_core::geometry::Homography> {
+    let v: Vec<f32> = v.as_array()?.iter().filter_map(Value::as_f64).map(|f| f as f32).collect();
+    v.try_into().ok().map(keygraph_core::geometry::Homography)
+}
+
+/// Mean distance of corners, in sizes of the true outline.
+fn error(corners: &[[f32; 2]; 4], truth: &[[f32; 2]; 4]) -> f32 {
+    let size = keygraph_core::geometry::area(truth).abs().sqrt();
+    let distance = |(a, b): (&[f32; 2], &[f32; 2])| (a[0] - b[0]).hypot(a[1] - b[1]);
+    corners.iter().zip(truth).map(distance).sum::<f32>() / 4.0 / size
+}

@@ -1,0 +1,168 @@
+//! Where annotated frames go.
+//!
+//! In: canvases in the order of the frames. Out: pictures in a folder, one
+//! picture, or a video, by what the path given to `--annotate` looks like.
+
+use std::collections::HashSet;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail, ensure};
+
+use crate::annotate::Canvas;
+use crate::input::Kind;
+use crate::video::VideoWriter;
+
+const VIDEOS: [&str; 6] = ["mp4", "m4v", "mov", "mkv", "avi", "webm"];
+const PICTURES: [&str; 3] = ["png", "jpg", "jpeg"];
+/// Frame rate of a video made of pictures.
+const STILLS_FPS: (u32, u32) = (10, 1);
+
+/// Writes annotated frames.
+#[derive(Debug)]
+pub struct Gallery {
+    target: Target,
+    written: HashSet<PathBuf>,
+    video: Option<Running>,
+}
+
+#[derive(Debug)]
+enum Target {
+    Folder(PathBuf),
+    Picture(PathBuf),
+    Video(PathBuf),
+}
+
+#[derive(Debug)]
+struct Running {
+    source: String,
+    path: PathBuf,
+    size: (u32, u32),
+    writer: VideoWriter,
+}
+
+impl Gallery {
+    /// Decides by the extension of `path`; a folder is made.
+    ///
+    /// # Errors
+    /// When the folder cannot be made.
+    pub fn new(path: &Path) -> Result<Self> {
+        let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
+        let target = match extension.as_str() {
+            _ if path.is_dir() => Target::Folder(path.into()),
+            e if VIDEOS.contains(&e) => Target::Video(path.into()),
+            e if PICTURES.contains(&e) => Target::Picture(path.into()),
+            _ => {
+                fs::create_dir_all(path).with_context(|| format!("cannot make the folder {}", path.display()))?;
+                Target::Folder(path.into())
+            }
+        };
+        Ok(Self { target, written: HashSet::new(), video: None })
+    }
+
+    /// Adds a frame.
+    ///
+    /// # Errors
+    /// When it cannot be written, would overwrite its own source, or does not fit
+    /// what was written before.
+    pub fn add(&mut self, source: &str, kind: Kind, canvas: &Canvas) -> Result<()> {
+        let fps = match kind {
+            Kind::Video { fps } => Some(fps),
+            Kind::Still => None,
+        };
+        match (&self.target, fps) {
+            (Target::Video(path), _) => {
+                let path = path.clone();
+                self.add_to_video("", &path, source, fps.unwrap_or(STILLS_FPS), canvas)
+            }
+            (Target::Picture(path), None) => {
+                let path = path.clone();
+                ensure!(
+                    self.written.is_empty(),
+                    "--annotate {} takes one picture and there are more: give a folder",
+                    path.display()
+                );
+                self.save(path, source, canvas)
+            }
+            (Target::Picture(path), Some(_)) => {
+                bail!("--annotate {} is a picture and {source} a video: give a folder or a .mp4 file", path.display())
+            }
+            (Target::Folder(folder), Some(fps)) => {
+                let name = if source == "-" { "stdin".into() } else { stem(source) };
+                let path = folder.join(name).with_extension("mp4");
+                self.add_to_video(source, &path, source, fps, canvas)
+            }
+            (Target::Folder(folder), None) => {
+                let name = Path::new(source).file_name().unwrap_or_default();
+                let extension = Path::new(name).extension().map(|e| e.to_string_lossy().to_lowercase());
+                let mut path = folder.join(name);
+                if !extension.is_some_and(|e| PICTURES.contains(&e.as_str())) {
+                    path = path.with_extension("png");
+                }
+                let first = path.clone();
+                let mut n = 1;
+                while self.written.contains(&path) {
+                    n += 1;
+                    let extension = first.extension().unwrap_or_default().to_string_lossy();
+                    path = first.with_file_name(format!("{}-{n}.{extension}", stem(&first.to_string_lossy())));
+                }
+                self.save(path, source, canvas)
+            }
+        }
+    }
+
+    fn save(&mut self, path: PathBuf, source: &str, canvas: &Canvas) -> Result<()> {
+        refuse_source(&path, source)?;
+        canvas.save(&path)?;
+        self.written.insert(path);
+        Ok(())
+    }
+
+    fn add_to_video(&mut self, key: &str, path: &Path, source: &str, fps: (u32, u32), canvas: &Canvas) -> Result<()> {
+        if self.video.as_ref().is_some_and(|v| v.source != key) {
+            self.finish_video()?;
+        }
+        let size = (canvas.width(), canvas.height());
+        if self.video.is_none() {
+            refuse_source(path, source)?;
+            let writer = VideoWriter::create(path, size.0, size.1, fps)?;
+            self.video = Some(Running { source: key.into(), path: path.into(), size, writer });
+        }
+        let Some(v) = &mut self.video else { return Ok(()) };
+        ensure!(
+            v.size == size,
+            "{source} is {}x{} and the video {} {}x{}: give a folder for frames of several sizes",
+            size.0,
+            size.1,
+            v.path.display(),
+            v.size.0,
+            v.size.1
+        );
+        v.writer.write(canvas)
+    }
+
+    fn finish_video(&mut self) -> Result<()> {
+        self.video.take().map_or(Ok(()), |v| v.writer.finish())
+    }
+
+    /// Ends what is being written.
+    ///
+    /// # Errors
+    /// When a video cannot be finished.
+    pub fn finish(mut self) -> Result<()> {
+        self.finish_video()
+    }
+}
+
+fn stem(path: &str) -> String {
+    Path::new(path).file_stem().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+fn refuse_source(path: &Path, source: &str) -> Result<()> {
+    let same = match (fs::canonicalize(path), fs::canonicalize(source)) {
+        (Ok(a), Ok(b)) => a == b,
+        _ => false,
+    };
+    ensure!(!same, "--annotate would overwrite its own input {source}: give another folder");
+    Ok(())
+}
