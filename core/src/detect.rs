@@ -12,7 +12,7 @@ use core::mem::size_of;
 
 use heapless::{Vec, VecView};
 
-use crate::align::{Appearance, appearance, is_plausible};
+use crate::align::{Appearance, appearance, is_plausible, refine};
 use crate::capacity::{CANDIDATES, DETECTIONS, FEATURE_BYTES, LEVELS, Stage, StageStats, chroma_bytes, luma_bytes};
 use crate::classify::{MatchRule, classify};
 use crate::corners::{Corner, SCRATCH_ROWS, detect_corners, rank_by_radius, rank_by_strength};
@@ -517,6 +517,16 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
         if rules.grow {
             d.votes = u16::try_from(supporters.count()).unwrap_or(u16::MAX);
             d.appearance = appearance(&view, &o.template, &d.homography, w, h);
+            if d.appearance.median > 0.1 || d.agreeing >= 12 {
+                if let Some(better) = refine(&view, &o.template, &d.homography, w, h) {
+                    let a = appearance(&view, &o.template, &better, w, h);
+                    if a.median > d.appearance.median {
+                        d.homography = better;
+                        d.corners = better.outline(w, h);
+                        d.appearance = a;
+                    }
+                }
+            }
             d.score = score(&d);
         } else {
             d.votes = u16::try_from(c.weight).unwrap_or(u16::MAX);

@@ -249,7 +249,7 @@ impl Fit {
 
 /// Solves the first `n` symmetric equations by elimination (their upper triangle
 /// and right side are given); `None` when they are singular.
-fn solve(m: &mut [[f32; 9]; 8], n: usize) -> Option<[f32; 8]> {
+pub(crate) fn solve(m: &mut [[f32; 9]; 8], n: usize) -> Option<[f32; 8]> {
     for i in 0..n {
         let pivot = m[i][i];
         if pivot <= 1e-9 {
