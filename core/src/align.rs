@@ -360,8 +360,8 @@ mod tests {
         p.load(&Frame::new(PixelFormat::Gray8, 160, 120, &frame).unwrap()).unwrap();
         p.reduce();
         let mut template = vec![0u8; SIDE * SIDE * 3 / 2];
-        for i in 0..SIDE * SIDE {
-            template[i] = texture((i % SIDE) as f32, (i / SIDE) as f32) as u8;
+        for (i, t) in template[..SIDE * SIDE].iter_mut().enumerate() {
+            *t = texture((i % SIDE) as f32, (i / SIDE) as f32) as u8;
         }
         (p, template, h)
     }

@@ -7,7 +7,9 @@
 ///
 /// `seen` counts candidates; `kept` what was passed on; `dropped` what would
 /// have been passed on had the buffer been larger. What a stage rejects by its
-/// own rule (a thin triangle, a weak corner) is in neither of the last two.
+/// own rule (a thin triangle, a weak corner) is in neither of the last two. Classify
+/// keeps up to two matches of what it sees; delaunay's losses count points and
+/// triangles alike.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct StageStats {
     /// Candidates that came in.

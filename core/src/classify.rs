@@ -48,14 +48,7 @@ pub type Nearest = [Option<Match>; 2];
 /// Finds the best two matches of a keygraph with this key, size, shortest side
 /// (px) and feature.
 #[must_use]
-pub fn classify(
-    model: &Model<'_>,
-    key: Key,
-    size: u8,
-    shortest: u8,
-    feature: &Feature,
-    rule: &MatchRule,
-) -> Nearest {
+pub fn classify(model: &Model<'_>, key: Key, size: u8, shortest: u8, feature: &Feature, rule: &MatchRule) -> Nearest {
     let bytes = model.feature().bytes();
     let mut search = Search {
         keys: model.keys(),
@@ -63,7 +56,7 @@ pub fn classify(
         feature: &feature[..bytes],
         size,
         rule,
-        limit: bytes as u32 * u32::from(rule.max_distance) / 16 + 1,
+        limit: distance_limit(bytes, rule) + 1,
         best: [None; 2],
     };
     if rule.one_cell {
@@ -82,6 +75,12 @@ pub fn classify(
         }
     }
     search.best
+}
+
+/// Largest distance of a match on features of `bytes` bytes.
+#[must_use]
+pub fn distance_limit(bytes: usize, rule: &MatchRule) -> u32 {
+    u32::try_from(bytes).unwrap_or(0) * u32::from(rule.max_distance) / 16
 }
 
 struct Search<'a> {

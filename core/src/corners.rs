@@ -55,6 +55,7 @@ pub struct CornerParams {
 
 /// The smaller eigenvalue of `[[a, b], [b, c]]`, times two, rounded up.
 #[must_use]
+#[allow(clippy::cast_possible_truncation, reason = "clamped")]
 pub fn strength(a: i32, b: i32, c: i32) -> i32 {
     let d = i64::from(a) - i64::from(c);
     let e = 2 * i64::from(b);
@@ -167,7 +168,7 @@ pub fn detect_corners(
 /// The fraction `q16 / 65536` of `strongest`.
 #[allow(clippy::cast_possible_truncation, reason = "a fraction of an i32")]
 fn relative(strongest: i32, q16: u32) -> i32 {
-    (i64::from(strongest) * i64::from(q16) >> 16).min(i64::from(i32::MAX)) as i32
+    ((i64::from(strongest) * i64::from(q16)) >> 16).min(i64::from(i32::MAX)) as i32
 }
 
 /// The corner at `x` of the middle row, if its strength reaches `cut` and no
@@ -180,7 +181,7 @@ fn local_maximum(rows: [&[i32]; 3], x: usize, y: usize, cut: i32) -> Option<Corn
     if v < cut || v <= before || v < after {
         return None;
     }
-    let at = |i: usize, d: i32| i16::try_from(i).unwrap_or(i16::MAX / 16).saturating_mul(16).saturating_add(d as i16);
+    let at = |i: usize, d: i16| i16::try_from(i).unwrap_or(i16::MAX / 16).saturating_mul(16).saturating_add(d);
     let point = Point::new(at(x, vertex(mid[x - 1], v, mid[x + 1])), at(y, vertex(top[x], v, low[x])));
     Some(Corner { point, strength: v, radius2: 0 })
 }
@@ -188,10 +189,10 @@ fn local_maximum(rows: [&[i32]; 3], x: usize, y: usize, cut: i32) -> Option<Corn
 /// Where the parabola through `l`, `v`, `r` at -1, 0, 1 has its top, in 1/16;
 /// within half a pixel.
 #[allow(clippy::cast_possible_truncation, reason = "clamped")]
-fn vertex(l: i32, v: i32, r: i32) -> i32 {
+fn vertex(l: i32, v: i32, r: i32) -> i16 {
     let (l, v, r) = (i64::from(l), i64::from(v), i64::from(r));
     let bend = 2 * v - l - r;
-    if bend <= 0 { 0 } else { ((r - l) * 8 / bend).clamp(-7, 7) as i32 }
+    if bend <= 0 { 0 } else { ((r - l) * 8 / bend).clamp(-7, 7) as i16 }
 }
 
 /// Keeps the stronger half and returns the weakest strength that is left.
@@ -219,8 +220,8 @@ const fn count(n: usize) -> u32 {
 
 /// Orders corners strongest first and, where two lie nearer than
 /// `min_distance_px`, keeps the stronger: the plain ranking of OpenCV. At most
-/// `limit` are left.
-pub fn rank_by_strength(corners: &mut VecView<Corner>, min_distance_px: u16, limit: usize) {
+/// `limit` are left; those beyond, far enough from the others, count as dropped.
+pub fn rank_by_strength(corners: &mut VecView<Corner>, min_distance_px: u16, limit: usize, stats: &mut StageStats) {
     corners.sort_unstable_by_key(by_strength);
     let least2 = i64::from(min_distance_px).pow(2);
     let pixel = |p: Point| Point::new((p.x + 8) >> 4, (p.y + 8) >> 4);
@@ -228,12 +229,18 @@ pub fn rank_by_strength(corners: &mut VecView<Corner>, min_distance_px: u16, lim
     for i in 0..corners.len() {
         let c = corners[i];
         let near = |k: &Corner| pixel(k.point).distance2(pixel(c.point)) < least2;
-        if kept < limit && !corners[..kept].iter().any(near) {
+        if corners[..kept].iter().any(near) {
+            continue;
+        }
+        if kept < limit {
             corners[kept] = c;
             kept += 1;
+        } else {
+            stats.dropped += 1;
         }
     }
     corners.truncate(kept);
+    stats.kept = count(kept);
 }
 
 /// Orders corners by suppression radius, the distance to the nearest corner
@@ -248,15 +255,15 @@ pub fn rank_by_radius(corners: &mut VecView<Corner>, limit: usize, stats: &mut S
     for i in 0..corners.len() {
         let (before, rest) = corners.split_at_mut(i);
         let c = &mut rest[0];
+        // Strengths fall, so the clearly stronger ones come first.
         let reach = i64::from(c.strength) * 10;
-        let mut nearest = i64::from(u32::MAX);
-        for o in before.iter() {
-            if i64::from(o.strength) * 9 < reach {
-                break;
-            }
-            nearest = nearest.min(o.point.distance2(c.point));
-        }
-        c.radius2 = u32::try_from(nearest).unwrap_or(u32::MAX);
+        let stronger = before.partition_point(|o| i64::from(o.strength) * 9 >= reach);
+        let distance2 = |o: &Corner| {
+            let dx = i32::from(o.point.x) - i32::from(c.point.x);
+            let dy = i32::from(o.point.y) - i32::from(c.point.y);
+            (dx * dx).cast_unsigned() + (dy * dy).cast_unsigned()
+        };
+        c.radius2 = before[..stronger].iter().map(distance2).min().unwrap_or(u32::MAX);
     }
     corners.sort_unstable_by_key(|c| (Reverse(c.radius2), by_strength(c)));
     stats.dropped += count(corners.len().saturating_sub(limit));
@@ -314,11 +321,17 @@ mod tests {
             "................",
             "................",
         ];
-        assert_eq!(found, want, "
+        assert_eq!(
+            found,
+            want,
+            "
 found:
 {}
 wanted:
-{}", found.join("\n"), want.join("\n"));
+{}",
+            found.join("\n"),
+            want.join("\n")
+        );
         let stripe = ["....####....."; 9];
         assert_eq!(corner_map(&stripe), stripe);
     }
@@ -346,7 +359,7 @@ wanted:
         let params = CornerParams { quality_q16: 0, floor: 1000, margin_px: 1 };
         let mut run = |out: &mut VecView<Corner>| {
             let s = detect_corners(Plane::new(&data, w, h).unwrap(), &params, &mut scratch, out);
-            rank_by_strength(out, 0, usize::MAX);
+            rank_by_strength(out, 0, usize::MAX, &mut StageStats::default());
             s
         };
         let (mut all, mut few): (Vec<Corner, 256>, Vec<Corner, 8>) = (Vec::new(), Vec::new());

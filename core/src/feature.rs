@@ -24,7 +24,7 @@ use crate::pyramid::PyramidView;
 /// Segments of a keygraph: four at each of its three corners.
 pub const SEGMENTS: usize = 12;
 /// Samples on a segment.
-pub const SAMPLES: usize = 4;
+pub const SAMPLES: i32 = 4;
 /// The byte that stands for zero.
 pub const ZERO: u8 = 128;
 /// Steps of one spread.
@@ -136,7 +136,7 @@ impl Bundle {
                 let dx = (u.0 - v.0) * near + (w.0 - v.0) * far;
                 let dy = (u.1 - v.1) * near + (w.1 - v.1) * far;
                 let segment = 4 * corner + usize::try_from(s).unwrap_or(0);
-                for k in 0..SAMPLES as i32 {
+                for k in 0..SAMPLES {
                     // 341 / 65536 = 1 / (24 * 2 * SAMPLES)
                     let along = |d: i32| (d * (2 * k + 1) * 341) >> 16;
                     sample(segment, v.0 + along(dx) + 8, v.1 + along(dy) + 8);
@@ -174,7 +174,7 @@ fn chroma_means(view: &PyramidView<'_>, level: usize, at: usize, bundle: &Bundle
 fn write(means: &[f32], normalise: Normalise, floor: f32, out: &mut [u8]) {
     let n = means.len() as f32;
     let (mean, scale) = match normalise {
-        Normalise::Absolute => (0.0, 1.0),
+        Normalise::Absolute => (f32::from(ZERO), 1.0),
         Normalise::Own => {
             let mean = means.iter().sum::<f32>() / n;
             let spread2 = means.iter().map(|m| (m - mean) * (m - mean)).sum::<f32>() / n;
@@ -231,7 +231,8 @@ mod tests {
         p
     }
 
-    const TRIANGLE: [Point; 3] = [Point::new(8 * 16, 10 * 16), Point::new(56 * 16, 14 * 16), Point::new(30 * 16, 50 * 16)];
+    const TRIANGLE: [Point; 3] =
+        [Point::new(8 * 16, 10 * 16), Point::new(56 * 16, 14 * 16), Point::new(30 * 16, 50 * 16)];
 
     fn feature(p: &Small, t: [Point; 3], normalise: Normalise) -> Feature {
         extract(&p.view(), 0, t, 90, FeatureKind::Both, normalise)

@@ -257,6 +257,7 @@ fn chroma_from_yuv(w: usize, h: usize, a: &mut [i8], b: &mut [i8], sums: impl Fn
 
 /// `127 * 65536 / (2 * 4 m)`: turns a difference of sums over four pixels into
 /// 127 times its ratio to twice the brightest sum, 16 bits behind the point.
+#[allow(clippy::cast_possible_truncation, reason = "below 256")]
 const RECIPROCAL: [i32; 256] = {
     let mut t = [0; 256];
     let mut m = 1;

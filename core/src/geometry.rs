@@ -30,10 +30,7 @@ impl Point {
     }
 
     fn minus(self, o: Self) -> (i64, i64) {
-        (
-            i64::from(i32::from(self.x) - i32::from(o.x)),
-            i64::from(i32::from(self.y) - i32::from(o.y)),
-        )
+        (i64::from(i32::from(self.x) - i32::from(o.x)), i64::from(i32::from(self.y) - i32::from(o.y)))
     }
 
     /// Squared distance to `o`, in (1/16 px)^2.
@@ -68,9 +65,7 @@ pub fn in_circle(a: Point, b: Point, c: Point, d: Point) -> i64 {
     let (cx, cy) = c.minus(d);
     let (a2, b2, c2) = (ax * ax + ay * ay, bx * bx + by * by, cx * cx + cy * cy);
     let t = |n: i64, m: i64| n.wrapping_mul(m);
-    t(a2, bx * cy - by * cx)
-        .wrapping_add(t(b2, cx * ay - cy * ax))
-        .wrapping_add(t(c2, ax * by - ay * bx))
+    t(a2, bx * cy - by * cx).wrapping_add(t(b2, cx * ay - cy * ax)).wrapping_add(t(c2, ax * by - ay * bx))
 }
 
 /// A projective map of the plane, row-major, from px to px (pixel centres at

@@ -1,7 +1,84 @@
-//! x
+//! Finds planar objects (books, posters, boxes, signs) in camera frames from one
+//! picture of each, without an operating system, without a heap, in memory that is
+//! fixed at compile time.
+//!
+//! The method is that of keygraphs (M. Hashimoto, R. Cesar, *A Keygraph
+//! Classification Framework for Real-Time Object Detection*): triangles of corners
+//! are classified by what lies inside them, and the matches vote for a pose.
+//!
+//! ```text
+//! frame ──► pyramid ──► corners ──► delaunay ──► keygraph ──► feature
+//!  raw       luma,       Shi-        nested       thick        segment
+//!  bytes     chroma      Tomasi      levels       scalene      bundles
+//!                                                                 │
+//!           detections ◄── align ◄── pose ◄── vote ◄── classify ◄─┘
+//!                          looks     grown    Hough     nearest     ▲
+//!                          alike?                       neighbour   │
+//!                                                            model ─┘
+//!                                    picture ──► train ──► (bytes, read in place)
+//! ```
+//!
+//! A file is a stage, they are declared here in the order in which a frame flows
+//! through them, and a file imports only from files above it. Every stage can be
+//! used alone; [`detect::Detector`] owns the buffers and runs them all, and
+//! [`detect::Finder`] lets other corners and other triples in.
+//!
+//! ```
+//! use std::sync::Mutex;
+//! use keygraph_core::detect::{DEFAULT_THRESHOLD, QqvgaDetector};
+//! use keygraph_core::feature::FeatureKind;
+//! use keygraph_core::frame::{Frame, PixelFormat};
+//! use keygraph_core::model::{Method, Model};
+//! use keygraph_core::train::{QqvgaTrainer, TrainParams, ViewSpec};
+//!
+//! // All zero: in a static they cost no flash and no stack.
+//! static TRAINER: Mutex<QqvgaTrainer> = Mutex::new(QqvgaTrainer::new());
+//! static DETECTOR: Mutex<QqvgaDetector> = Mutex::new(QqvgaDetector::new());
+//!
+//! // A picture with texture: random blocks.
+//! let mut seed = 1u32;
+//! let mut blocks = [0u8; 16 * 12];
+//! for b in &mut blocks {
+//!     seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+//!     *b = (seed >> 24) as u8;
+//! }
+//! let picture: Vec<u8> = (0..160 * 120).map(|i| blocks[i / 160 / 10 * 16 + i % 160 / 10]).collect();
+//! let frame = Frame::new(PixelFormat::Gray8, 160, 120, &picture)?;
+//!
+//! let views = [ViewSpec { side_px: 160.0, squeeze: 1.0, direction_deg: 0.0, keypoints: 60 }];
+//! let params = TrainParams {
+//!     name: "blocks",
+//!     method: Method::Keygraph,
+//!     feature: FeatureKind::Luma,
+//!     views: &views,
+//!     max_keygraphs: 4000,
+//!     max_per_cell: 100,
+//! };
+//! let mut flash = vec![0; 128 << 10];
+//! let trained = TRAINER.lock()?.train(&frame, (160, 120), &params, &mut flash)?;
+//!
+//! let model = Model::parse(&flash[..trained.bytes])?;
+//! let mut detector = DETECTOR.lock()?;
+//! let found = detector.detect(&frame, &model, DEFAULT_THRESHOLD, &mut || 0)?;
+//! assert_eq!(model.object(usize::from(found[0].object)).name, "blocks");
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! | profile | frame | detector with a raw frame |
+//! | --- | --- | --- |
+//! | [`detect::QqvgaDetector`] | 160 x 120 | at most 160 KB |
+//! | [`detect::QvgaDetector`] | 320 x 240 | at most 480 KB |
+//! | [`detect::VgaDetector`] | 640 x 480 | at most 4 MB |
+//! | [`detect::HdDetector`] | 1280 x 720 | at most 12 MB |
+//!
+//! A full buffer is never an error: the stage keeps the best and counts what it
+//! dropped ([`capacity::StageStats`]). Nothing here reads a clock; callers pass one.
 #![no_std]
+#![cfg_attr(test, allow(clippy::unwrap_used, clippy::cast_possible_truncation, clippy::cast_sign_loss))]
+
 #[cfg(test)]
 extern crate std;
+
 pub mod capacity;
 pub mod math;
 pub mod geometry;

@@ -80,7 +80,7 @@ pub fn round(x: f32) -> i32 {
 #[allow(clippy::cast_possible_truncation)]
 pub fn floor(x: f32) -> i32 {
     let i = x as i32;
-    if x < i as f32 { i - 1 } else { i }
+    if x < i as f32 { i.saturating_sub(1) } else { i }
 }
 
 #[cfg(test)]

@@ -54,7 +54,7 @@ const KEYGRAPH: Parameters = Parameters {
     prefixes: &[25, 50, 100, 200, 400],
     scalene: Scalene { min_angle_deg: 8.0, min_difference_deg: 4.0, min_side_px: 8.0 },
     normalise: Normalise::Own,
-    matching: MatchRule { tolerance: 6, tolerance_px: 60, size_window: 14, max_distance: 16 * 28, one_cell: false },
+    matching: MatchRule { tolerance: 6, tolerance_px: 60, size_window: 14, max_distance: 16 * 20, one_cell: false },
     voting: VoteRule { soft: true, equal: false, min_weight: 8 },
     candidates: 24,
     grow: true,

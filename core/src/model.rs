@@ -107,6 +107,7 @@ const CRC_TABLE: [u32; 256] = {
     let mut table = [0; 256];
     let mut i = 0;
     while i < 256 {
+        #[allow(clippy::cast_possible_truncation, reason = "below 256")]
         let mut c = i as u32;
         let mut k = 0;
         while k < 8 {
@@ -154,7 +155,17 @@ impl Layout {
         let vertices = after(keys, keygraphs, KEY)?;
         let features = after(vertices, keygraphs, VERTICES)?;
         let t = after(features, keygraphs, feature_bytes)?;
-        Some(Self { objects: o, views: v, keypoints: k, cells: c, keys, vertices, features, templates: t, end: after(t, templates, 1)? })
+        Some(Self {
+            objects: o,
+            views: v,
+            keypoints: k,
+            cells: c,
+            keys,
+            vertices,
+            features,
+            templates: t,
+            end: after(t, templates, 1)?,
+        })
     }
 }
 
@@ -303,7 +314,8 @@ impl<'a> Model<'a> {
             let v = self.view(i);
             let range = (v.first as usize).checked_add(usize::from(v.keypoints));
             let finite = v.to_picture.0.iter().chain(&v.centre).chain([&v.scale]).all(|f| f.is_finite());
-            if usize::from(v.object) >= objects || range.is_none_or(|end| end > keypoints) || !finite || v.scale <= 0.0 {
+            if usize::from(v.object) >= objects || range.is_none_or(|end| end > keypoints) || !finite || v.scale <= 0.0
+            {
                 return Some("views");
             }
         }

@@ -39,7 +39,10 @@ const STEPS: [(f32, bool); 7] =
     [(0.25, false), (0.15, false), (0.10, false), (0.06, true), (0.04, true), (0.03, true), (0.025, true)];
 
 /// Agreement is never asked to be finer than this, px.
-const CORNER_NOISE_PX: f32 = 2.0;
+pub const CORNER_NOISE_PX: f32 = 2.0;
+
+/// What counts as agreement in the end, object sizes.
+pub const AGREEMENT: f32 = 0.025;
 
 /// Frame corners that can be told apart when they are counted.
 const MAX_CORNERS: usize = 4096;
@@ -71,11 +74,11 @@ impl Normalised {
         }
     }
 
-    fn from_picture(&self, p: [f32; 2]) -> [f32; 2] {
+    fn picture_unit(&self, p: [f32; 2]) -> [f32; 2] {
         [(p[0] - self.picture[0]) * self.picture[2], (p[1] - self.picture[1]) * self.picture[2]]
     }
 
-    fn from_frame(&self, p: [f32; 2]) -> [f32; 2] {
+    fn frame_unit(&self, p: [f32; 2]) -> [f32; 2] {
         [(p[0] - self.frame[0]) * self.frame[2], (p[1] - self.frame[1]) * self.frame[2]]
     }
 
@@ -91,7 +94,7 @@ impl Normalised {
 
     /// The same homography between normalised coordinates.
     #[must_use]
-    pub fn from_px(&self, h: &Homography) -> Homography {
+    pub fn unit_of(&self, h: &Homography) -> Homography {
         let [px, py, ps] = self.picture;
         let [fx, fy, fs] = self.frame;
         let into = Homography::affine([1.0 / ps, 0.0, px, 0.0, 1.0 / ps, py]);
@@ -125,8 +128,8 @@ pub fn collect_pairs(
         let (view, from) = model.keygraph(v.model_keygraph as usize);
         let to_picture = model.view(view).to_picture;
         for (from, (corner, to)) in from.iter().zip(vertices(v.frame_keygraph)) {
-            let from = map.from_picture(to_picture.apply(from.px()));
-            let to = map.from_frame(to);
+            let from = map.picture_unit(to_picture.apply(from.px()));
+            let to = map.frame_unit(to);
             let [x, y] = turned.apply(from);
             if (x - to[0]) * (x - to[0]) + (y - to[1]) * (y - to[1]) < 0.35 * 0.35 {
                 stats.seen += 1;
@@ -153,19 +156,28 @@ pub fn grow(candidate: &Candidate, map: &Normalised, pairs: &[Pair]) -> Option<G
         }
         h = fit.step(projective)?;
     }
+    let homography = map.to_px(&h);
+    Some(Grown { homography, agreeing: count_agreeing(map, pairs, &homography) })
+}
+
+/// Distinct frame corners among `pairs` that agree with `h` (picture px to frame
+/// px).
+#[must_use]
+pub fn count_agreeing(map: &Normalised, pairs: &[Pair], h: &Homography) -> u16 {
+    let h = map.unit_of(h);
     let mut seen = [0u32; MAX_CORNERS / 32];
     let mut agreeing = 0;
-    let radius2 = noise.max(0.025) * noise.max(0.025);
+    let radius = (CORNER_NOISE_PX * map.frame[2]).max(AGREEMENT);
     for p in pairs {
         let q = h.apply(p.from);
         let (dx, dy) = (q[0] - p.to[0], q[1] - p.to[1]);
-        if dx * dx + dy * dy < radius2 {
+        if dx * dx + dy * dy < radius * radius {
             let (word, bit) = (usize::from(p.corner) / 32 % seen.len(), 1 << (p.corner % 32));
             agreeing += u16::from(seen[word] & bit == 0);
             seen[word] |= bit;
         }
     }
-    Some(Grown { homography: map.to_px(&h), agreeing })
+    agreeing
 }
 
 /// One Gauss-Newton step of a robust homography fit.
@@ -257,10 +269,10 @@ pub(crate) fn solve(m: &mut [[f32; 9]; 8], n: usize) -> Option<[f32; 8]> {
         }
         for r in i + 1..n {
             let f = m[i][r] / pivot;
-            for c in r..n {
-                m[r][c] -= f * m[i][c];
+            let (done, rest) = m.split_at_mut(r);
+            for (v, p) in rest[0][r..].iter_mut().zip(&done[i][r..]) {
+                *v -= f * p;
             }
-            m[r][8] -= f * m[i][8];
         }
     }
     let mut x = [0.0; 8];
@@ -299,7 +311,7 @@ mod tests {
                 q[0] += f32::from(i) - 30.0; // a third is wrong
                 q[1] -= 17.0;
             }
-            pairs.push(Pair { from: map.from_picture(p), to: map.from_frame(q), corner: i });
+            pairs.push(Pair { from: map.picture_unit(p), to: map.frame_unit(q), corner: i });
         }
         let pose = Similarity { centre, rotation: 4400, size: 0 };
         let g = grow(&Candidate { object: 0, pose, weight: 9 }, &map, &pairs).unwrap();
@@ -313,7 +325,7 @@ mod tests {
     fn normalising_there_and_back_changes_nothing() {
         let h = Homography([0.8, -0.35, 310.0, 0.3, 0.9, 200.0, 2e-4, -1e-4, 1.0]);
         let map = Normalised::new(200.0, 150.0, [320.0, 240.0], 140.0);
-        let back = map.to_px(&map.from_px(&h));
+        let back = map.to_px(&map.unit_of(&h));
         for (a, b) in h.outline(200.0, 150.0).iter().zip(back.outline(200.0, 150.0)) {
             assert!((a[0] - b[0]).abs() < 0.01 && (a[1] - b[1]).abs() < 0.01);
         }

@@ -146,6 +146,9 @@ pub struct Trainer<const LUMA: usize, const CHROMA: usize, const SIDE: usize, co
 /// The trainer that goes with the vga profile: pictures of up to 307,200 px.
 pub type VgaTrainer = Trainer<{ luma_bytes(640 * 480) }, { chroma_bytes(640 * 480) }, 640, 1600>;
 
+/// The trainer that goes with the qqvga profile.
+pub type QqvgaTrainer = Trainer<{ luma_bytes(160 * 120) }, { chroma_bytes(160 * 120) }, 160, 320>;
+
 /// One view as it is rendered.
 #[derive(Clone, Copy, Debug)]
 struct Plan {
@@ -257,9 +260,8 @@ impl<const LUMA: usize, const CHROMA: usize, const SIDE: usize, const CORNERS: u
         }
         for (i, v) in params.views.iter().enumerate() {
             let side = |v: &ViewSpec| v.side_px.min(w.max(h));
-            let same = |o: &ViewSpec| {
-                side(o) == side(v) && o.squeeze == v.squeeze && o.direction_deg == v.direction_deg
-            };
+            let same =
+                |o: &ViewSpec| side(o) == side(v) && o.squeeze == v.squeeze && o.direction_deg == v.direction_deg;
             if params.views[..i].iter().any(same) {
                 continue;
             }
@@ -312,7 +314,7 @@ impl<const LUMA: usize, const CHROMA: usize, const SIDE: usize, const CORNERS: u
         let limit = plan.keypoints.min(MAX_VIEW_KEYPOINTS);
         match rules.ranking {
             Ranking::Radius => rank_by_radius(&mut self.corners, limit, &mut stats),
-            Ranking::Strength(apart) => rank_by_strength(&mut self.corners, apart, limit),
+            Ranking::Strength(apart) => rank_by_strength(&mut self.corners, apart, limit, &mut stats),
         }
     }
 
@@ -383,7 +385,14 @@ fn level_for(scale: f32) -> usize {
 }
 
 /// Renders the picture under an affine map (target px to picture px).
-fn render(picture: &PyramidView<'_>, to: &Homography, scale: f32, width: usize, luma: &mut [u8], chroma: [&mut [i8]; 2]) {
+fn render(
+    picture: &PyramidView<'_>,
+    to: &Homography,
+    scale: f32,
+    width: usize,
+    luma: &mut [u8],
+    chroma: [&mut [i8]; 2],
+) {
     let height = luma.len() / width;
     render_luma(picture, to, scale, width, luma);
     let [a, b] = chroma;
@@ -530,7 +539,8 @@ impl Table {
         let mut start = 0;
         for c in 0..CELLS {
             let sure = self.cheaper(c, below, cap);
-            let more = if next > 0 { (self.cheaper(c, below + 1, cap) - sure) * left / next } else { 0 };
+            let more = if below < COSTS { self.cheaper(c, below + 1, cap) - sure } else { 0 };
+            let more = (more * left).checked_div(next).unwrap_or(0);
             self.starts[c] = start;
             start += u32::try_from(sure + more).unwrap_or(0);
         }

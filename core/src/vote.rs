@@ -161,7 +161,7 @@ const WIDE: i32 = 1024;
 type Coordinates = [i32; 4];
 
 fn pack([s, r, x, y]: Coordinates) -> u32 {
-    let inside = |v: i32| (v + OFFSET).clamp(0, WIDE - 1).unsigned_abs();
+    let inside = |v: i32| v.saturating_add(OFFSET).clamp(0, WIDE - 1).unsigned_abs();
     (s.clamp(0, 31).unsigned_abs() << 25 | r.rem_euclid(ROTATIONS).unsigned_abs() << 20) | inside(x) << 10 | inside(y)
 }
 
@@ -182,8 +182,8 @@ fn near(v: f32, soft: bool) -> (i32, Option<i32>) {
     let inside = v - bin as f32;
     let beyond = match inside {
         _ if !soft => None,
-        f if f < 0.25 => Some(bin - 1),
-        f if f >= 0.75 => Some(bin + 1),
+        f if f < 0.25 => Some(bin.saturating_sub(1)),
+        f if f >= 0.75 => Some(bin.saturating_add(1)),
         _ => None,
     };
     (bin, beyond)
@@ -267,7 +267,7 @@ fn slot(bins: &mut [Bin], key: u32, object: u16) -> Option<&mut Bin> {
     let n = bins.len();
     // The high half of the product spreads best.
     let start = usize::try_from((u64::from(hash) * n as u64) >> 32).unwrap_or(0);
-    let at = (0..PROBES.min(n)).map(|i| (start + i) % n).find(|&i| {
+    let at = (0..PROBES.min(n)).map(|i| if start + i < n { start + i } else { start + i - n }).find(|&i| {
         let b = &bins[i];
         b.last == 0 || (b.key == key && b.object == object)
     })?;
@@ -281,8 +281,13 @@ fn slot(bins: &mut [Bin], key: u32, object: u16) -> Option<&mut Bin> {
 fn peaks(bins: &mut [Bin], rule: &VoteRule, out: &mut VecView<Candidate>) {
     out.clear();
     while !out.is_full() {
-        let heaviest = bins.iter().max_by_key(|b| (b.weight, core::cmp::Reverse((b.object, b.key))));
-        let Some(best) = heaviest.filter(|b| b.weight >= rule.min_weight.max(1)).copied() else { return };
+        // Equal weights are told apart by their keys, not by where they lie.
+        let weight = bins.iter().map(|b| b.weight).max().unwrap_or(0);
+        if weight < rule.min_weight.max(1) {
+            return;
+        }
+        let heaviest = bins.iter().filter(|b| b.weight == weight).min_by_key(|b| (b.object, b.key));
+        let Some(best) = heaviest.copied() else { return };
         let c = unpack(best.key);
         let width = position_bin(c[0]);
         let middle = |v: i32| (v as f32 + 0.5) * width;
@@ -322,7 +327,13 @@ mod tests {
     }
 
     fn votes(poses: &[Similarity], object: u16) -> std::vec::Vec<Vote> {
-        let v = |(i, &pose): (usize, &Similarity)| Vote { pose, object, frame_keygraph: i as u16, weight: 1, ..Vote::default() };
+        let v = |(i, &pose): (usize, &Similarity)| Vote {
+            pose,
+            object,
+            frame_keygraph: i as u16,
+            weight: 1,
+            ..Vote::default()
+        };
         poses.iter().enumerate().map(v).collect()
     }
 

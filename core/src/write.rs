@@ -10,7 +10,8 @@
 use crate::feature::FeatureKind;
 use crate::keygraph::CELLS;
 use crate::model::{
-    CHECKED, HEADER, KEY, KEYPOINT, Layout, MAGIC, Method, Model, OBJECT, VERSION, VERTICES, VIEW, crc32, u16_at, u32_at,
+    CHECKED, HEADER, KEY, KEYPOINT, Layout, MAGIC, Method, Model, OBJECT, VERSION, VERTICES, VIEW, crc32, u16_at,
+    u32_at,
 };
 
 /// Why models cannot be packed into one.
@@ -44,7 +45,9 @@ impl core::fmt::Display for PackError {
                 "model {} was trained by another method or on another feature than the first: train all alike (`--luma` for all or none, no mix with `--preset paper`)",
                 index + 1
             ),
-            Self::TooMany => write!(f, "more than 65,535 objects or views do not fit one model: split them over several"),
+            Self::TooMany => {
+                write!(f, "more than 65,535 objects or views do not fit one model: split them over several")
+            }
             Self::NoRoom { needed, given } => write!(f, "{given} bytes cannot hold the packed model of {needed}"),
         }
     }
@@ -124,8 +127,11 @@ pub fn pack(models: &[Model<'_>], out: &mut [u8]) -> Result<usize, PackError> {
         let mut views = 0;
         for m in models {
             let (from, l, range) = (m.bytes(), m.layout(), m.cell(cell));
-            let sections =
-                [(layout.keys, l.keys, KEY), (layout.vertices, l.vertices, VERTICES), (layout.features, l.features, feature.bytes())];
+            let sections = [
+                (layout.keys, l.keys, KEY),
+                (layout.vertices, l.vertices, VERTICES),
+                (layout.features, l.features, feature.bytes()),
+            ];
             for (to, section, each) in sections {
                 let source = &from[section + each * range.start..section + each * range.end];
                 out[to + each * at..][..source.len()].copy_from_slice(source);
@@ -158,9 +164,8 @@ pub(crate) fn put_u32(r: &mut [u8], at: usize, v: usize) {
 /// parallel sections).
 pub(crate) fn sort_cell(out: &mut [u8], layout: &Layout, feature_bytes: usize, range: core::ops::Range<usize>) {
     let start = range.start;
-    let key = |out: &[u8], i: usize| -> [u8; KEY] {
-        core::array::from_fn(|b| out[layout.keys + KEY * (start + i) + b])
-    };
+    let key =
+        |out: &[u8], i: usize| -> [u8; KEY] { core::array::from_fn(|b| out[layout.keys + KEY * (start + i) + b]) };
     let swap = |out: &mut [u8], i: usize, j: usize| {
         for (section, each) in [(layout.keys, KEY), (layout.vertices, VERTICES), (layout.features, feature_bytes)] {
             for b in 0..each {

@@ -88,11 +88,7 @@ impl Canvas {
             Pixels::I420(planes) => i420_to_rgb(planes, width, height),
         };
         rgb.resize(3 * width * height, 0);
-        Self {
-            width: picture.width,
-            height: picture.height,
-            rgb,
-        }
+        Self { width: picture.width, height: picture.height, rgb }
     }
 
     /// Pixels per row.
@@ -118,9 +114,7 @@ impl Canvas {
     /// # Errors
     /// If the extension is another one or the file cannot be written.
     pub fn save(&self, path: &Path) -> Result<()> {
-        let extension = path
-            .extension()
-            .map(|extension| extension.to_string_lossy().to_ascii_lowercase());
+        let extension = path.extension().map(|extension| extension.to_string_lossy().to_ascii_lowercase());
         match extension.as_deref() {
             Some("png") => self.save_png(path),
             Some("jpg" | "jpeg") => self.write_file(path, |file| {
@@ -131,10 +125,7 @@ impl Canvas {
                     ExtendedColorType::Rgb8,
                 )
             }),
-            _ => bail!(
-                "cannot save {}: its name must end with .png, .jpg or .jpeg",
-                path.display()
-            ),
+            _ => bail!("cannot save {}: its name must end with .png, .jpg or .jpeg", path.display()),
         }
     }
 
@@ -144,12 +135,7 @@ impl Canvas {
     /// If the file cannot be written.
     pub fn save_png(&self, path: &Path) -> Result<()> {
         self.write_file(path, |file| {
-            PngEncoder::new(file).write_image(
-                &self.rgb,
-                self.width,
-                self.height,
-                ExtendedColorType::Rgb8,
-            )
+            PngEncoder::new(file).write_image(&self.rgb, self.width, self.height, ExtendedColorType::Rgb8)
         })
     }
 
@@ -218,8 +204,7 @@ impl DrawTarget for Canvas {
                 && x < self.width
                 && y < self.height
             {
-                self.row_mut(x..x + 1, y)
-                    .copy_from_slice(&[colour.r(), colour.g(), colour.b()]);
+                self.row_mut(x..x + 1, y).copy_from_slice(&[colour.r(), colour.g(), colour.b()]);
             }
         }
         Ok(())
@@ -227,17 +212,11 @@ impl DrawTarget for Canvas {
 
     fn fill_solid(&mut self, area: &Rectangle, colour: Rgb888) -> Result<(), Infallible> {
         let area = area.intersection(&self.bounding_box());
-        let (Ok(left), Ok(top)) = (
-            u32::try_from(area.top_left.x),
-            u32::try_from(area.top_left.y),
-        ) else {
+        let (Ok(left), Ok(top)) = (u32::try_from(area.top_left.x), u32::try_from(area.top_left.y)) else {
             return Ok(());
         };
         for y in top..top + area.size.height {
-            for pixel in self
-                .row_mut(left..left + area.size.width, y)
-                .chunks_exact_mut(3)
-            {
+            for pixel in self.row_mut(left..left + area.size.width, y).chunks_exact_mut(3) {
                 pixel.copy_from_slice(&[colour.r(), colour.g(), colour.b()]);
             }
         }
@@ -273,9 +252,7 @@ pub fn draw_label(canvas: &mut Canvas, outline: &Outline) {
         .corners
         .into_iter()
         .filter(|corner| corner.iter().all(|v| v.is_finite()))
-        .fold([f32::INFINITY; 2], |[left, top], [x, y]| {
-            [left.min(x), top.min(y)]
-        });
+        .fold([f32::INFINITY; 2], |[left, top], [x, y]| [left.min(x), top.min(y)]);
     if !left.is_finite() {
         return;
     }
@@ -283,16 +260,9 @@ pub fn draw_label(canvas: &mut Canvas, outline: &Outline) {
     let letter = font.character_size * scale;
     let padding_px = 2 * scale;
     let room_px = canvas.width.saturating_sub(2 * padding_px);
-    let text: String = outline
-        .label
-        .chars()
-        .take((room_px / letter.width) as usize)
-        .collect();
+    let text: String = outline.label.chars().take((room_px / letter.width) as usize).collect();
     let letters = u32::try_from(text.chars().count()).unwrap_or(0);
-    let size = Size::new(
-        letters * letter.width + 2 * padding_px,
-        letter.height + 2 * padding_px,
-    );
+    let size = Size::new(letters * letter.width + 2 * padding_px, letter.height + 2 * padding_px);
     if letters == 0 || size.height > canvas.height {
         return;
     }
@@ -301,21 +271,13 @@ pub fn draw_label(canvas: &mut Canvas, outline: &Outline) {
         let last = i32::try_from(room - size).unwrap_or(i32::MAX);
         wanted.clamp(0, last)
     };
-    let above = nearest_pixel(top)
-        .saturating_sub_unsigned(size.height)
-        .saturating_sub_unsigned(gap_px);
-    let corner = Point::new(
-        place(nearest_pixel(left), size.width, canvas.width),
-        place(above, size.height, canvas.height),
-    );
+    let above = nearest_pixel(top).saturating_sub_unsigned(size.height).saturating_sub_unsigned(gap_px);
+    let corner =
+        Point::new(place(nearest_pixel(left), size.width, canvas.width), place(above, size.height, canvas.height));
     let fill = colour(outline.colour_index);
     let Ok(()) = canvas.fill_solid(&Rectangle::new(corner, size), rgb888(fill));
     let inset = i32::try_from(padding_px).unwrap_or(0);
-    let mut enlarged = Enlarged {
-        canvas,
-        origin: corner + Point::new(inset, inset),
-        scale,
-    };
+    let mut enlarged = Enlarged { canvas, origin: corner + Point::new(inset, inset), scale };
     let style = MonoTextStyle::new(font, rgb888(DARK));
     let Ok(_) = Text::with_baseline(&text, Point::zero(), style, Baseline::Top).draw(&mut enlarged);
 }
@@ -326,9 +288,7 @@ pub fn draw_corners(canvas: &mut Canvas, corners: &[[f32; 2]], colour: Colour) {
     let style = PrimitiveStyle::with_stroke(rgb888(colour), diameter_px.div_ceil(8));
     for &corner in corners {
         if let Some(centre) = visible_point(canvas, corner, diameter_px) {
-            let Ok(()) = Circle::with_center(centre, diameter_px)
-                .into_styled(style)
-                .draw(canvas);
+            let Ok(()) = Circle::with_center(centre, diameter_px).into_styled(style).draw(canvas);
         }
     }
 }
@@ -362,10 +322,7 @@ struct Enlarged<'a> {
 impl Dimensions for Enlarged<'_> {
     fn bounding_box(&self) -> Rectangle {
         let size = self.canvas.size();
-        Rectangle::new(
-            Point::zero(),
-            Size::new(size.width / self.scale, size.height / self.scale),
-        )
+        Rectangle::new(Point::zero(), Size::new(size.width / self.scale, size.height / self.scale))
     }
 }
 
@@ -404,12 +361,7 @@ fn stroke(canvas: &mut Canvas, ends: [[f32; 2]; 2], colour: Colour, width_px: u3
     let length = along[0].hypot(along[1]);
     // Half the width across the line. Of no matter where it has no length.
     let [nx, ny] = [-along[1], along[0]].map(|v| v / length.max(f64::MIN_POSITIVE) * radius);
-    let sides = [
-        [a[0] + nx, a[1] + ny],
-        [b[0] + nx, b[1] + ny],
-        [b[0] - nx, b[1] - ny],
-        [a[0] - nx, a[1] - ny],
-    ];
+    let sides = [[a[0] + nx, a[1] + ny], [b[0] + nx, b[1] + ny], [b[0] - nx, b[1] - ny], [a[0] - nx, a[1] - ny]];
     let last = [canvas.width, canvas.height].map(|size| f64::from(size) - 1.0);
     let top = (a[1].min(b[1]) - radius).ceil().max(0.0);
     let bottom = (a[1].max(b[1]) + radius).floor().min(last[1]);
@@ -451,8 +403,7 @@ fn visible_point(canvas: &Canvas, [x, y]: [f32; 2], margin_px: u32) -> Option<Po
         let v = f64::from(v);
         v >= -margin && v <= f64::from(size) + margin
     };
-    (inside(x, canvas.width) && inside(y, canvas.height))
-        .then(|| Point::new(nearest_pixel(x), nearest_pixel(y)))
+    (inside(x, canvas.width) && inside(y, canvas.height)).then(|| Point::new(nearest_pixel(x), nearest_pixel(y)))
 }
 
 /// Saturates, and turns what is not a number into 0.
@@ -475,19 +426,11 @@ mod tests {
 
     fn canvas(width: u32, height: u32, gray: u8) -> Canvas {
         let size = width as usize * height as usize;
-        Canvas::from_picture(&Picture {
-            width,
-            height,
-            pixels: Pixels::Gray8(vec![gray; size]),
-        })
+        Canvas::from_picture(&Picture { width, height, pixels: Pixels::Gray8(vec![gray; size]) })
     }
 
     fn outline(corners: [[f32; 2]; 4]) -> Outline {
-        Outline {
-            corners,
-            label: "box 0.93".into(),
-            colour_index: 0,
-        }
+        Outline { corners, label: "box 0.93".into(), colour_index: 0 }
     }
 
     fn pixel(canvas: &Canvas, x: u32, y: u32) -> Colour {
@@ -514,40 +457,23 @@ mod tests {
     #[test]
     fn video_colours_become_rgb() {
         // Black, white, and the red of BT.601 bars: 81, 90, 240.
-        for ([y, u, v], expected) in [
-            ([16, 128, 128], [0, 0, 0]),
-            ([235, 128, 128], [255, 255, 255]),
-            ([81, 90, 240], [255, 0, 0]),
-        ] {
-            let picture = Picture {
-                width: 2,
-                height: 2,
-                pixels: Pixels::I420(vec![y, y, y, y, u, v]),
-            };
+        for ([y, u, v], expected) in
+            [([16, 128, 128], [0, 0, 0]), ([235, 128, 128], [255, 255, 255]), ([81, 90, 240], [255, 0, 0])]
+        {
+            let picture = Picture { width: 2, height: 2, pixels: Pixels::I420(vec![y, y, y, y, u, v]) };
             let canvas = Canvas::from_picture(&picture);
             for (x, y) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
                 let close = |(a, b): (u8, u8)| a.abs_diff(b) <= 1;
                 let actual = pixel(&canvas, x, y);
-                assert!(
-                    actual.into_iter().zip(expected).all(close),
-                    "{actual:?} {expected:?}"
-                );
+                assert!(actual.into_iter().zip(expected).all(close), "{actual:?} {expected:?}");
             }
         }
     }
 
     #[test]
     fn missing_bytes_are_black() {
-        for pixels in [
-            Pixels::Rgb8(vec![]),
-            Pixels::Gray8(vec![9]),
-            Pixels::I420(vec![]),
-        ] {
-            let canvas = Canvas::from_picture(&Picture {
-                width: 4,
-                height: 2,
-                pixels,
-            });
+        for pixels in [Pixels::Rgb8(vec![]), Pixels::Gray8(vec![9]), Pixels::I420(vec![])] {
+            let canvas = Canvas::from_picture(&Picture { width: 4, height: 2, pixels });
             assert_eq!(canvas.rgb().len(), 4 * 2 * 3);
         }
     }
@@ -596,13 +522,7 @@ mod tests {
 
     #[test]
     fn a_thin_line_has_no_gaps() {
-        for (x, y) in [
-            (30.0, 0.0),
-            (30.0, 7.3),
-            (21.7, 22.1),
-            (3.3, 29.9),
-            (0.0, 30.0),
-        ] {
+        for (x, y) in [(30.0, 0.0), (30.0, 7.3), (21.7, 22.1), (3.3, 29.9), (0.0, 30.0)] {
             let mut canvas = canvas(40, 40, 128);
             stroke(&mut canvas, [[4.2, 4.6], [4.2 + x, 4.6 + y]], WHITE, 1);
             let white = |x, y| pixel(&canvas, x, y) == WHITE;
@@ -644,11 +564,7 @@ mod tests {
         for [x, y] in [[-500.0, -500.0], [500.0, 500.0], [60.0, 2.0]] {
             let mut canvas = canvas(120, 60, 128);
             draw_label(&mut canvas, &outline([[x, y]; 4]));
-            let green = canvas
-                .rgb
-                .chunks_exact(3)
-                .filter(|p| *p == PALETTE[0])
-                .count();
+            let green = canvas.rgb.chunks_exact(3).filter(|p| *p == PALETTE[0]).count();
             let dark = canvas.rgb.chunks_exact(3).filter(|p| *p == DARK).count();
             // 8 letters of 6 x 10 pixels and 2 pixels around.
             assert_eq!(green + dark, (8 * 6 + 4) * (10 + 4), "at {x}, {y}");
@@ -658,10 +574,7 @@ mod tests {
 
     #[test]
     fn labels_that_do_not_fit_are_shortened_or_left_out() {
-        let long = Outline {
-            label: "x".repeat(1000),
-            ..outline([[5.0, 30.0]; 4])
-        };
+        let long = Outline { label: "x".repeat(1000), ..outline([[5.0, 30.0]; 4]) };
         let mut picture = canvas(50, 40, 128);
         draw_label(&mut picture, &long);
         assert_ne!(picture, canvas(50, 40, 128));

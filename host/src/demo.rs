@@ -104,7 +104,10 @@ pub fn demo(assets: &Path, out: &Path) -> Result<[Tally; 2]> {
 
     times.sort_unstable();
     let median = times.get(times.len() / 2).copied().unwrap_or(0);
-    println!("Searched {index} frames of 640x480 for both objects at once, {:.0} ms each (median).", median as f64 / 1e6);
+    println!(
+        "Searched {index} frames of 640x480 for both objects at once, {:.0} ms each (median).",
+        median as f64 / 1e6
+    );
     for (name, t) in OBJECTS.iter().zip(&tallies) {
         println!(
             "  {name}: found in {} of the {} frames that show it; {} wrong.",
@@ -117,6 +120,7 @@ pub fn demo(assets: &Path, out: &Path) -> Result<[Tally; 2]> {
     Ok(tallies)
 }
 
+#[allow(clippy::cast_possible_truncation, reason = "a pose")]
 fn true_pose(v: &Value) -> Option<keygraph_core::geometry::Homography> {
     let v: Vec<f32> = v.as_array()?.iter().filter_map(Value::as_f64).map(|f| f as f32).collect();
     v.try_into().ok().map(keygraph_core::geometry::Homography)

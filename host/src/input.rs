@@ -52,10 +52,8 @@ pub(crate) const CROP_TO_EVEN: &str = "crop=trunc(iw/2)*2:trunc(ih/2)*2";
 
 const PICTURE_EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
 
-const VIDEO_EXTENSIONS: [&str; 16] = [
-    "mp4", "m4v", "avi", "mkv", "mov", "webm", "mpg", "mpeg", "ogv", "y4m", "wmv", "flv", "ts",
-    "mts", "3gp", "gif",
-];
+const VIDEO_EXTENSIONS: [&str; 16] =
+    ["mp4", "m4v", "avi", "mkv", "mov", "webm", "mpg", "mpeg", "ogv", "y4m", "wmv", "flv", "ts", "mts", "3gp", "gif"];
 
 /// Pixels in rows from the top, without padding.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -135,10 +133,7 @@ impl Source {
     /// # Errors
     /// Only if `inputs` is empty.
     pub fn open(inputs: &[PathBuf]) -> Result<Self> {
-        ensure!(
-            !inputs.is_empty(),
-            "no input: give a picture, a folder of pictures, a video, or - for standard input"
-        );
+        ensure!(!inputs.is_empty(), "no input: give a picture, a folder of pictures, a video, or - for standard input");
         let mut waiting = VecDeque::new();
         for path in inputs {
             if !path.is_dir() {
@@ -152,11 +147,7 @@ impl Source {
         }
         let any_video = waiting.iter().any(|i| matches!(i, Input::Video(_)));
         let len = (!any_video).then_some(waiting.len() as u64);
-        Ok(Self {
-            waiting,
-            video: None,
-            len,
-        })
+        Ok(Self { waiting, video: None, len })
     }
 
     /// Number of items from the first to the last, or `None` if there is a
@@ -192,12 +183,7 @@ impl Iterator for Source {
                     Err(error) => (path, Kind::Video { fps: UNKNOWN_FPS }, Err(error)),
                 },
             };
-            return Some(SourceFrame {
-                source: path.display().to_string(),
-                frame: 0,
-                kind,
-                picture,
-            });
+            return Some(SourceFrame { source: path.display().to_string(), frame: 0, kind, picture });
         }
     }
 }
@@ -248,18 +234,12 @@ fn pictures_in(folder: &Path) -> Result<Vec<PathBuf>> {
     let mut pictures = Vec::new();
     for entry in fs::read_dir(folder).with_context(unreadable)? {
         let path = entry.with_context(unreadable)?.path();
-        let hidden = path
-            .file_name()
-            .is_some_and(|name| name.as_encoded_bytes().starts_with(b"."));
+        let hidden = path.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b"."));
         if !hidden && has_extension(&path, &PICTURE_EXTENSIONS) && !path.is_dir() {
             pictures.push(path);
         }
     }
-    ensure!(
-        !pictures.is_empty(),
-        "the folder {} has no PNG or JPEG pictures in it",
-        folder.display()
-    );
+    ensure!(!pictures.is_empty(), "the folder {} has no PNG or JPEG pictures in it", folder.display());
     pictures.sort();
     Ok(pictures)
 }
@@ -318,16 +298,11 @@ pub fn read_picture_noting_transparency(path: &Path) -> Result<(Picture, bool)> 
 }
 
 fn decode_upright(bytes: &[u8]) -> Result<DynamicImage> {
-    let reader = ImageReader::new(Cursor::new(bytes))
-        .with_guessed_format()
-        .context("cannot be read")?;
+    let reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().context("cannot be read")?;
     match reader.format() {
         Some(ImageFormat::Png) => {}
         // The decoder fills the rest of a cut-off JPEG with grey in silence.
-        Some(ImageFormat::Jpeg) => ensure!(
-            jpeg_is_complete(bytes),
-            "the JPEG picture is cut off before its end"
-        ),
+        Some(ImageFormat::Jpeg) => ensure!(jpeg_is_complete(bytes), "the JPEG picture is cut off before its end"),
         _ if bytes.is_empty() => bail!("the file is empty"),
         _ => bail!("is not a PNG or JPEG picture"),
     }
@@ -376,38 +351,21 @@ pub fn flatten_onto_white(image: DynamicImage) -> (Picture, bool) {
     let mut transparent = false;
     let mut mix = |samples: &[u8], alpha: u8| {
         transparent |= alpha != u8::MAX;
-        samples
-            .iter()
-            .map(|&sample| over_white(sample, alpha))
-            .collect::<Vec<u8>>()
+        samples.iter().map(|&sample| over_white(sample, alpha)).collect::<Vec<u8>>()
     };
     let pixels = match (gray, image.color().has_alpha()) {
         (true, false) => Pixels::Gray8(image.into_luma8().into_raw()),
         (false, false) => Pixels::Rgb8(image.into_rgb8().into_raw()),
         (true, true) => {
             let image = image.into_luma_alpha8();
-            Pixels::Gray8(
-                image
-                    .pixels()
-                    .flat_map(|p| mix(&p.0[..1], p.0[1]))
-                    .collect(),
-            )
+            Pixels::Gray8(image.pixels().flat_map(|p| mix(&p.0[..1], p.0[1])).collect())
         }
         (false, true) => {
             let image = image.into_rgba8();
-            Pixels::Rgb8(
-                image
-                    .pixels()
-                    .flat_map(|p| mix(&p.0[..3], p.0[3]))
-                    .collect(),
-            )
+            Pixels::Rgb8(image.pixels().flat_map(|p| mix(&p.0[..3], p.0[3])).collect())
         }
     };
-    let picture = Picture {
-        width,
-        height,
-        pixels,
-    };
+    let picture = Picture { width, height, pixels };
     (picture, transparent)
 }
 
@@ -452,23 +410,13 @@ impl Video {
             (Box::new(output), Some(ffmpeg))
         };
         match Yuv4MpegReader::new(stream) {
-            Ok(frames) => Ok(Self {
-                source,
-                next_frame: 0,
-                fps: frames.fps,
-                frames: Some(frames),
-                ffmpeg,
-            }),
+            Ok(frames) => Ok(Self { source, next_frame: 0, fps: frames.fps, frames: Some(frames), ffmpeg }),
             // Without a header, ffmpeg's own message says more than ours.
             Err(error) => {
                 if let Some(ffmpeg) = ffmpeg {
                     ffmpeg.finish().with_context(|| source.clone())?;
                 }
-                let name = if is_stdin(path) {
-                    "standard input"
-                } else {
-                    &source
-                };
+                let name = if is_stdin(path) { "standard input" } else { &source };
                 Err(error.context(name.to_string()))
             }
         }
@@ -485,9 +433,9 @@ impl Video {
         // Closing the pipe before waiting: ffmpeg may still want to write.
         self.frames = None;
         let complaint = match self.ffmpeg.take().map(Ffmpeg::finish) {
-            Some(Ok(messages)) if !messages.is_empty() => Some(anyhow!(
-                "frames may be missing or damaged, ffmpeg says: {messages}"
-            )),
+            Some(Ok(messages)) if !messages.is_empty() => {
+                Some(anyhow!("frames may be missing or damaged, ffmpeg says: {messages}"))
+            }
             Some(Err(error)) => Some(error),
             _ => None,
         };
@@ -516,9 +464,7 @@ fn decoding_arguments(path: &Path) -> Vec<OsString> {
     // the list keeps a playlist from reaching into the network.
     let mut file = OsString::from("file:");
     file.push(path);
-    let mut arguments: Vec<OsString> = ["-protocol_whitelist", "file", "-i"]
-        .map(OsString::from)
-        .to_vec();
+    let mut arguments: Vec<OsString> = ["-protocol_whitelist", "file", "-i"].map(OsString::from).to_vec();
     arguments.push(file);
     let output = ["-an", "-sn", "-dn", "-vf", CROP_TO_EVEN]
         .into_iter()
@@ -555,10 +501,7 @@ impl Ffmpeg {
                 io::ErrorKind::NotFound => anyhow!(NO_FFMPEG),
                 _ => anyhow!("cannot start ffmpeg: {error}"),
             })?;
-        let messages = child
-            .stderr
-            .take()
-            .map(|stderr| std::thread::spawn(|| first_messages(stderr)));
+        let messages = child.stderr.take().map(|stderr| std::thread::spawn(|| first_messages(stderr)));
         Ok(Self { child, messages })
     }
 
@@ -571,11 +514,7 @@ impl Ffmpeg {
         self.child.stdin = None;
         self.child.stdout = None;
         let status = self.child.wait().context("cannot wait for ffmpeg")?;
-        let messages = self
-            .messages
-            .take()
-            .and_then(|thread| thread.join().ok())
-            .unwrap_or_default();
+        let messages = self.messages.take().and_then(|thread| thread.join().ok()).unwrap_or_default();
         ensure!(status.success(), "ffmpeg failed ({status}): {messages}");
         Ok(messages)
     }
@@ -592,10 +531,7 @@ impl Drop for Ffmpeg {
 /// Reads to the end and keeps the start.
 fn first_messages(mut stderr: impl Read) -> String {
     let mut kept = Vec::new();
-    let _ = stderr
-        .by_ref()
-        .take(MAX_MESSAGE_BYTES as u64)
-        .read_to_end(&mut kept);
+    let _ = stderr.by_ref().take(MAX_MESSAGE_BYTES as u64).read_to_end(&mut kept);
     let _ = io::copy(&mut stderr, &mut io::sink());
     String::from_utf8_lossy(&kept).trim().to_string()
 }
@@ -646,10 +582,7 @@ impl<R: Read> Yuv4MpegReader<R> {
                 _ => {}
             }
         }
-        ensure!(
-            width > 0 && height > 0,
-            "the YUV4MPEG2 header gives no width and height"
-        );
+        ensure!(width > 0 && height > 0, "the YUV4MPEG2 header gives no width and height");
         ensure!(
             u64::from(width) * u64::from(height) <= MAX_FRAME_PIXELS,
             "frames of {width} x {height} pixels are too large: \
@@ -660,13 +593,7 @@ impl<R: Read> Yuv4MpegReader<R> {
             "frames of {width} x {height} pixels have an odd size: \
              add `-vf \"{CROP_TO_EVEN}\"` to the ffmpeg command"
         );
-        Ok(Self {
-            reader,
-            width,
-            height,
-            fps: fps.unwrap_or(UNKNOWN_FPS),
-            chroma,
-        })
+        Ok(Self { reader, width, height, fps: fps.unwrap_or(UNKNOWN_FPS), chroma })
     }
 
     /// The next frame, or `None` at the end of the stream. After an error the
@@ -684,27 +611,15 @@ impl<R: Read> Yuv4MpegReader<R> {
             Chroma::C444 => luma * 3,
         };
         let mut planes = Vec::with_capacity(whole);
-        self.reader
-            .by_ref()
-            .take(whole as u64)
-            .read_to_end(&mut planes)
-            .context("cannot read the frame")?;
-        ensure!(
-            planes.len() == whole,
-            "the stream ends inside the frame: {} of {whole} bytes",
-            planes.len()
-        );
+        self.reader.by_ref().take(whole as u64).read_to_end(&mut planes).context("cannot read the frame")?;
+        ensure!(planes.len() == whole, "the stream ends inside the frame: {} of {whole} bytes", planes.len());
         let pixels = match self.chroma {
             Chroma::Mono => Pixels::Gray8(planes),
             Chroma::C420 => Pixels::I420(planes),
             Chroma::C422 => Pixels::I420(average_chroma(planes, luma, width / 2, 1)),
             Chroma::C444 => Pixels::I420(average_chroma(planes, luma, width, 2)),
         };
-        Ok(Some(Picture {
-            width: self.width,
-            height: self.height,
-            pixels,
-        }))
+        Ok(Some(Picture { width: self.width, height: self.height, pixels }))
     }
 }
 
@@ -712,18 +627,12 @@ impl<R: Read> Yuv4MpegReader<R> {
 /// the stream ends before the line begins.
 fn read_header_line(reader: &mut impl BufRead, magic: &[u8]) -> Result<Option<String>> {
     let mut line = Vec::new();
-    reader
-        .take(MAX_HEADER_BYTES)
-        .read_until(b'\n', &mut line)
-        .context("cannot read the stream")?;
+    reader.take(MAX_HEADER_BYTES).read_until(b'\n', &mut line).context("cannot read the stream")?;
     if line.is_empty() {
         return Ok(None);
     }
     let Some(rest) = line.strip_prefix(magic) else {
-        ensure!(
-            magic == YUV4MPEG2_MAGIC,
-            "the stream is damaged: no frame where one should begin"
-        );
+        ensure!(magic == YUV4MPEG2_MAGIC, "the stream is damaged: no frame where one should begin");
         bail!(WANTED_STREAM);
     };
     let Some(rest) = rest.strip_suffix(b"\n") else {
@@ -733,9 +642,7 @@ fn read_header_line(reader: &mut impl BufRead, magic: &[u8]) -> Result<Option<St
 }
 
 fn parse_size(value: &str) -> Result<u32> {
-    value
-        .parse()
-        .map_err(|_| anyhow!("the YUV4MPEG2 header has a size that is no number: {value:?}"))
+    value.parse().map_err(|_| anyhow!("the YUV4MPEG2 header has a size that is no number: {value:?}"))
 }
 
 /// `None` for 0:0, which means unknown, and for what cannot be read.
@@ -834,18 +741,14 @@ mod tests {
         let bytes = width as usize * usize::from(colour.bits_per_pixel()) / 8;
         let height = u32::try_from(samples.len() / bytes).expect("small");
         let mut file = Vec::new();
-        PngEncoder::new(&mut file)
-            .write_image(samples, width, height, colour)
-            .expect("encodes");
+        PngEncoder::new(&mut file).write_image(samples, width, height, colour).expect("encodes");
         file
     }
 
     fn jpeg(side: u32) -> Vec<u8> {
         let samples: Vec<u8> = (0..side * side * 3).map(|i| (i * 7 % 251) as u8).collect();
         let mut file = Vec::new();
-        JpegEncoder::new(&mut file)
-            .encode(&samples, side, side, ExtendedColorType::Rgb8)
-            .expect("encodes");
+        JpegEncoder::new(&mut file).encode(&samples, side, side, ExtendedColorType::Rgb8).expect("encodes");
         file
     }
 
@@ -876,10 +779,7 @@ mod tests {
 
     #[test]
     fn sixteen_bits_become_eight() {
-        let samples: Vec<u8> = [0_u16, 0x8080, 0xFFFF]
-            .iter()
-            .flat_map(|v| v.to_ne_bytes())
-            .collect();
+        let samples: Vec<u8> = [0_u16, 0x8080, 0xFFFF].iter().flat_map(|v| v.to_ne_bytes()).collect();
         let (gray, _) = decode(&png(3, &samples, ExtendedColorType::L16)).expect("16 bits");
         assert_eq!(gray.pixels, Pixels::Gray8(vec![0, 0x80, 0xFF]));
     }
@@ -887,13 +787,11 @@ mod tests {
     #[test]
     fn transparency_is_mixed_with_white_and_told() {
         let samples = [10, 20, 30, 255, 10, 20, 30, 0, 0, 0, 0, 128];
-        let (picture, transparent) =
-            decode(&png(3, &samples, ExtendedColorType::Rgba8)).expect("rgba");
+        let (picture, transparent) = decode(&png(3, &samples, ExtendedColorType::Rgba8)).expect("rgba");
         let expected = vec![10, 20, 30, 255, 255, 255, 127, 127, 127];
         assert_eq!(picture.pixels, Pixels::Rgb8(expected));
         assert!(transparent);
-        let (picture, transparent) =
-            decode(&png(1, &[9, 255], ExtendedColorType::La8)).expect("la");
+        let (picture, transparent) = decode(&png(1, &[9, 255], ExtendedColorType::La8)).expect("la");
         assert_eq!(picture.pixels, Pixels::Gray8(vec![9]));
         assert!(!transparent, "an alpha channel of 255 is opaque");
     }
@@ -907,9 +805,7 @@ mod tests {
         let mut file = Vec::new();
         let mut encoder = PngEncoder::new(&mut file);
         encoder.set_exif_metadata(exif).expect("takes exif");
-        encoder
-            .write_image(&[1, 2, 3, 4, 5, 6], 3, 2, ExtendedColorType::L8)
-            .expect("encodes");
+        encoder.write_image(&[1, 2, 3, 4, 5, 6], 3, 2, ExtendedColorType::L8).expect("encodes");
         let (picture, _) = decode(&file).expect("decodes");
         assert_eq!((picture.width, picture.height), (2, 3));
         assert_eq!(picture.pixels, Pixels::Gray8(vec![4, 1, 5, 2, 6, 3]));
@@ -931,10 +827,7 @@ mod tests {
         assert_says(decode(&whole[..whole.len() / 2]), "cut off");
         assert_says(decode(b"hello"), "is not a PNG or JPEG picture");
         assert_says(decode(b""), "the file is empty");
-        assert_says(
-            read_picture(Path::new("/no/such.png")),
-            "/no/such.png: no such file",
-        );
+        assert_says(read_picture(Path::new("/no/such.png")), "/no/such.png: no such file");
     }
 
     // inputs
@@ -954,11 +847,7 @@ mod tests {
         let expected = ["a.jpeg", "b.PNG", "c.Jpg"].map(|n| folder.0.join(n).display().to_string());
         assert_eq!(names, expected);
         // The content counts, not the extension.
-        assert!(
-            frames
-                .iter()
-                .all(|f| f.picture.is_ok() && f.kind == Kind::Still)
-        );
+        assert!(frames.iter().all(|f| f.picture.is_ok() && f.kind == Kind::Still));
     }
 
     #[test]
@@ -974,12 +863,7 @@ mod tests {
         let source = Source::open(&inputs).expect("opens");
         assert_eq!(source.len_hint(), Some(4));
         let messages: Vec<_> = source.map(|f| message(f.picture)).collect();
-        let expected = [
-            "no such file or folder",
-            "has no PNG or JPEG",
-            "is not a PNG",
-            "no error",
-        ];
+        let expected = ["no such file or folder", "has no PNG or JPEG", "is not a PNG", "no error"];
         assert_eq!(messages.len(), 4);
         for (message, part) in messages.iter().zip(expected) {
             assert!(message.contains(part), "{part:?} is not in {message:?}");
@@ -1031,8 +915,7 @@ mod tests {
         let frames = frames_of("in-turn", stream);
         let fps = (30000, 1001);
         assert_eq!(frames.len(), 2);
-        for (index, (frame, expected)) in frames.into_iter().zip([b"abcdUV", b"efghuv"]).enumerate()
-        {
+        for (index, (frame, expected)) in frames.into_iter().zip([b"abcdUV", b"efghuv"]).enumerate() {
             assert_eq!(frame.frame, index as u64);
             assert_eq!(frame.kind, Kind::Video { fps });
             let picture = frame.picture.expect("a frame");
@@ -1048,10 +931,7 @@ mod tests {
         let [first, second] = frames.try_into().expect("two frames");
         assert!(first.picture.is_ok());
         assert_eq!(second.frame, 1);
-        assert_says(
-            second.picture,
-            "frame 1: the stream ends inside the frame: 3 of 6 bytes",
-        );
+        assert_says(second.picture, "frame 1: the stream ends inside the frame: 3 of 6 bytes");
     }
 
     #[test]
@@ -1075,10 +955,7 @@ mod tests {
             ("YUV4MPEG2 W2\n", "no width and height"),
             ("YUV4MPEG2 W-2 H2\n", "no number: \"-2\""),
             ("YUV4MPEG2 W60000 H60000\n", "too large"),
-            (
-                "YUV4MPEG2 W3 H2\n",
-                "-vf \"crop=trunc(iw/2)*2:trunc(ih/2)*2\"",
-            ),
+            ("YUV4MPEG2 W3 H2\n", "-vf \"crop=trunc(iw/2)*2:trunc(ih/2)*2\""),
             ("YUV4MPEG2 W2 H2 C420p10\n", "-pix_fmt yuv420p"),
             ("YUV4MPEG2 W2 H2 C411\n", "C411 is not supported"),
         ] {
@@ -1099,28 +976,21 @@ mod tests {
     fn other_colour_spaces_become_420() {
         let gray = frames_of("mono", b"YUV4MPEG2 W3 H1 Cmono\nFRAME\nabc");
         let picture = gray.into_iter().next().and_then(|f| f.picture.ok());
-        assert_eq!(
-            picture.map(|p| p.pixels),
-            Some(Pixels::Gray8(b"abc".to_vec()))
-        );
+        assert_eq!(picture.map(|p| p.pixels), Some(Pixels::Gray8(b"abc".to_vec())));
 
         // 4 x 2 pixels; a row of U in 4:2:2 has 2 samples, in 4:4:4 it has 4.
         let luma = [9; 8];
         let chroma_422 = [10, 20, 30, 41, 1, 2, 3, 4];
         let chroma_444 = [0, 4, 100, 100, 4, 8, 100, 103, 1, 1, 2, 2, 1, 1, 2, 2];
-        for (name, chroma, expected) in [
-            ("422", &chroma_422[..], [20, 31, 2, 3]),
-            ("444", &chroma_444[..], [4, 101, 1, 2]),
-        ] {
+        for (name, chroma, expected) in
+            [("422", &chroma_422[..], [20, 31, 2, 3]), ("444", &chroma_444[..], [4, 101, 1, 2])]
+        {
             let mut stream = format!("YUV4MPEG2 W4 H2 C{name}\nFRAME\n").into_bytes();
             stream.extend(luma);
             stream.extend(chroma);
             let frame = frames_of(name, &stream).into_iter().next();
             let picture = frame.and_then(|f| f.picture.ok()).expect("a frame");
-            assert_eq!(
-                picture.pixels,
-                Pixels::I420([&luma[..], &expected].concat())
-            );
+            assert_eq!(picture.pixels, Pixels::I420([&luma[..], &expected].concat()));
         }
     }
 
@@ -1129,10 +999,7 @@ mod tests {
     #[test]
     fn a_missing_ffmpeg_is_named_with_its_remedy() {
         let result = Ffmpeg::start_program("no-such-ffmpeg", &[]);
-        assert_says(
-            result,
-            "video needs ffmpeg: install it with `sudo apt-get install ffmpeg`",
-        );
+        assert_says(result, "video needs ffmpeg: install it with `sudo apt-get install ffmpeg`");
     }
 
     #[test]
@@ -1149,10 +1016,7 @@ mod tests {
         let frames: Vec<_> = Source::open(&[path]).expect("opens").collect();
         assert_eq!(frames.len(), 10);
         for (index, frame) in frames.into_iter().enumerate() {
-            assert_eq!(
-                (frame.frame, frame.kind),
-                (index as u64, Kind::Video { fps: (10, 1) })
-            );
+            assert_eq!((frame.frame, frame.kind), (index as u64, Kind::Video { fps: (10, 1) }));
             let picture = frame.picture.expect("a frame");
             assert_eq!((picture.width, picture.height), (64, 48));
             let Pixels::I420(planes) = picture.pixels else {
@@ -1172,14 +1036,8 @@ mod tests {
         // The transformation in the track header, in 1/65536, 40 bytes after
         // its name: a quarter turn instead of none.
         let mut file = fs::read(&flat).expect("reads");
-        let name = file
-            .windows(4)
-            .position(|w| w == b"tkhd")
-            .expect("a header");
-        let turn: Vec<u8> = [0, 65536, 0, -65536, 0]
-            .iter()
-            .flat_map(|v: &i32| v.to_be_bytes())
-            .collect();
+        let name = file.windows(4).position(|w| w == b"tkhd").expect("a header");
+        let turn: Vec<u8> = [0, 65536, 0, -65536, 0].iter().flat_map(|v: &i32| v.to_be_bytes()).collect();
         file[name + 4 + 40..][..turn.len()].copy_from_slice(&turn);
         let rotated = folder.0.join("rotated.mp4");
         fs::write(&rotated, file).expect("writes");
@@ -1192,10 +1050,7 @@ mod tests {
     fn ffmpegs_own_words_are_in_the_error() {
         let folder = Folder::new("own-words");
         let unused = folder.0.join("probe.mkv");
-        if !ffmpeg_makes(
-            "-f lavfi -i testsrc=size=320x240:rate=10:duration=4 -c:v ffv1",
-            &unused,
-        ) {
+        if !ffmpeg_makes("-f lavfi -i testsrc=size=320x240:rate=10:duration=4 -c:v ffv1", &unused) {
             return;
         }
         let junk = folder.0.join("junk.mp4");
@@ -1215,10 +1070,7 @@ mod tests {
     fn dropping_a_video_ends_its_ffmpeg() {
         let folder = Folder::new("dropped");
         let path = folder.0.join("long.mkv");
-        if !ffmpeg_makes(
-            "-f lavfi -i testsrc=size=320x240:rate=25:duration=8 -c:v mpeg4",
-            &path,
-        ) {
+        if !ffmpeg_makes("-f lavfi -i testsrc=size=320x240:rate=25:duration=8 -c:v mpeg4", &path) {
             return;
         }
         let mut source = Source::open(&[path]).expect("opens");

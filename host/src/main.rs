@@ -165,9 +165,8 @@ fn train_one(
     if matches!(pixels.pixels, Pixels::Gray8(_)) && preset == Preset::Paper && !luma {
         bail!("{} has no colour, which the paper's features are made of: use another preset", picture.display());
     }
-    let name = name.unwrap_or_else(|| {
-        picture.file_stem().map_or_else(|| "object".into(), |s| s.to_string_lossy().into_owned())
-    });
+    let name = name
+        .unwrap_or_else(|| picture.file_stem().map_or_else(|| "object".into(), |s| s.to_string_lossy().into_owned()));
     let (bytes, trained) =
         train(&pixels, &name, preset, luma).with_context(|| format!("cannot train on {}", picture.display()))?;
     fs::write(output, &bytes).with_context(|| format!("cannot write {}", output.display()))?;

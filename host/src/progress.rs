@@ -19,9 +19,7 @@ impl Progress {
     #[must_use]
     pub fn new(len: Option<u64>, what: &str) -> Self {
         if !stderr().is_terminal() {
-            return Self {
-                bar: ProgressBar::hidden(),
-            };
+            return Self { bar: ProgressBar::hidden() };
         }
         let template = match len {
             Some(_) => "{bar:30} {pos}/{len} {msg}, {per_sec}, {eta} left",

@@ -78,12 +78,12 @@ pub fn fit(picture: &Picture, side: usize, pixels: usize) -> Scaled<'_> {
         PixelFormat::I420 => {
             let (y, uv) = data.split_at_mut(dw * dh);
             let (u, v) = uv.split_at_mut(dw * dh / 4);
-            shrink(bytes, 1, (w, h), y, (dw, dh));
-            shrink(&bytes[w * h..], 1, (w / 2, h / 2), u, (dw / 2, dh / 2));
-            shrink(&bytes[w * h * 5 / 4..], 1, (w / 2, h / 2), v, (dw / 2, dh / 2));
+            shrink::<1>(bytes, (w, h), y, (dw, dh));
+            shrink::<1>(&bytes[w * h..], (w / 2, h / 2), u, (dw / 2, dh / 2));
+            shrink::<1>(&bytes[w * h * 5 / 4..], (w / 2, h / 2), v, (dw / 2, dh / 2));
         }
-        PixelFormat::Rgb8 => shrink(bytes, 3, (w, h), &mut data, (dw, dh)),
-        _ => shrink(bytes, 1, (w, h), &mut data, (dw, dh)),
+        PixelFormat::Rgb8 => shrink::<3>(bytes, (w, h), &mut data, (dw, dh)),
+        _ => shrink::<1>(bytes, (w, h), &mut data, (dw, dh)),
     }
     let scale = [dw as f32 / w as f32, dh as f32 / h as f32];
     Scaled { format, width: dw, height: dh, data: Cow::Owned(data), scale }
@@ -110,7 +110,8 @@ pub trait Engine {
     ///
     /// # Errors
     /// As the core.
-    fn run(&mut self, frame: &Frame<'_>, model: &Model<'_>, threshold: f32, details: bool) -> Result<Found, FrameError>;
+    fn run(&mut self, frame: &Frame<'_>, model: &Model<'_>, threshold: f32, details: bool)
+    -> Result<Found, FrameError>;
 }
 
 macro_rules! engine {

@@ -38,12 +38,7 @@ impl VideoWriter {
     /// If the extension is another one or there is no ffmpeg.
     pub fn create(path: &Path, width: u32, height: u32, fps: (u32, u32)) -> Result<Self> {
         let name = path.display().to_string();
-        ensure!(
-            fps.0 > 0 && fps.1 > 0,
-            "{name}: {}/{} is not a frame rate",
-            fps.0,
-            fps.1
-        );
+        ensure!(fps.0 > 0 && fps.1 > 0, "{name}: {}/{} is not a frame rate", fps.0, fps.1);
         let mut arguments: Vec<OsString> = [
             "-y",
             "-f",
@@ -70,13 +65,7 @@ impl VideoWriter {
         arguments.push(file);
 
         let mut ffmpeg = Ffmpeg::start(&arguments)?;
-        Ok(Self {
-            name,
-            width,
-            height,
-            pipe: ffmpeg.child.stdin.take(),
-            ffmpeg: Some(ffmpeg),
-        })
+        Ok(Self { name, width, height, pipe: ffmpeg.child.stdin.take(), ffmpeg: Some(ffmpeg) })
     }
 
     /// Adds a frame.
@@ -120,17 +109,13 @@ impl VideoWriter {
         let Some(ffmpeg) = self.ffmpeg.take() else {
             bail!("{}: ffmpeg has failed before", self.name);
         };
-        ffmpeg
-            .finish()
-            .with_context(|| format!("cannot write the video {}", self.name))?;
+        ffmpeg.finish().with_context(|| format!("cannot write the video {}", self.name))?;
         Ok(())
     }
 }
 
 fn encoder_arguments(path: &Path) -> Result<&'static [&'static str]> {
-    let extension = path
-        .extension()
-        .map(|extension| extension.to_string_lossy().to_ascii_lowercase());
+    let extension = path.extension().map(|extension| extension.to_string_lossy().to_ascii_lowercase());
     match extension.as_deref() {
         // The index at the front of the file lets a browser start playing.
         Some("mp4" | "m4v" | "mov") => Ok(&["-c:v", "libx264", "-movflags", "+faststart"]),
@@ -150,10 +135,7 @@ fn encoder_arguments(path: &Path) -> Result<&'static [&'static str]> {
             "-b:v",
             "0",
         ]),
-        _ => bail!(
-            "cannot write {}: its name must end with .mp4, .m4v, .mkv, .mov, .avi or .webm",
-            path.display()
-        ),
+        _ => bail!("cannot write {}: its name must end with .mp4, .m4v, .mkv, .mov, .avi or .webm", path.display()),
     }
 }
 
@@ -178,10 +160,7 @@ mod tests {
     fn a_video_is_read_annotated_and_written_in_every_format() {
         let folder = Folder::new("round-trip");
         let original = folder.0.join("original.mp4");
-        if !ffmpeg_makes(
-            "-f lavfi -i testsrc=size=160x120:rate=10:duration=1",
-            &original,
-        ) {
+        if !ffmpeg_makes("-f lavfi -i testsrc=size=160x120:rate=10:duration=1", &original) {
             return;
         }
         let outline = Outline {
@@ -236,10 +215,7 @@ mod tests {
         let frame = gray_canvas(640, 480);
         let failed = (0..100).find_map(|_| writer.write(&frame).err());
         let error = failed.expect("cannot go on for ever");
-        assert!(
-            format!("{error:#}").contains("No such file or directory"),
-            "{error:#}"
-        );
+        assert!(format!("{error:#}").contains("No such file or directory"), "{error:#}");
         assert!(writer.write(&frame).is_err());
         assert!(writer.finish().is_err());
     }
@@ -259,9 +235,6 @@ mod tests {
     }
 
     fn ffmpeg_is_missing() {
-        let _ = writeln!(
-            std::io::stderr(),
-            "SKIPPED: cannot start ffmpeg to write a video"
-        );
+        let _ = writeln!(std::io::stderr(), "SKIPPED: cannot start ffmpeg to write a video");
     }
 }

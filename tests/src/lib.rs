@@ -73,7 +73,7 @@ pub fn small_model(method: Method, feature: FeatureKind, keypoints: u8) -> Vec<u
         method,
         feature,
         views: &[view(128.0, 1.0), view(96.0, 0.8)],
-        max_keygraphs: 200,
+        max_keygraphs: 60,
         max_per_cell: 50,
     };
     let mut trainer: Box<Trainer<{ luma_bytes(128 * 64) }, { chroma_bytes(128 * 64) }, 128, 400>> = Box::default();

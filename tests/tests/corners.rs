@@ -52,7 +52,7 @@ fn our_corners(name: &str, min_distance_px: u16, limit: usize) -> Vec<Corner> {
     let mut scratch = vec![0; SCRATCH_ROWS * w];
     let stats = detect_corners(plane, &params, &mut scratch, &mut *found);
     assert_eq!(stats.dropped, 0, "{name}: the buffer is too small for this test");
-    rank_by_strength(&mut *found, min_distance_px, limit);
+    rank_by_strength(&mut *found, min_distance_px, limit, &mut keygraph_core::capacity::StageStats::default());
     found.to_vec()
 }
 
@@ -69,9 +69,8 @@ fn side_by_side(ours: &[Corner], golden: &[Golden], at: usize) -> String {
             || format!("{:>29}", "-"),
             |c| format!("{:>10.2} {:>6.2} {:>10} ", c.point.px()[0], c.point.px()[1], c.strength),
         );
-        let golden = golden
-            .get(i)
-            .map_or_else(|| "-".into(), |g| format!("{:>8} {:>3} {:>12.1}", g.x, g.y, g.strength));
+        let golden =
+            golden.get(i).map_or_else(|| "-".into(), |g| format!("{:>8} {:>3} {:>12.1}", g.x, g.y, g.strength));
         let mark = if i == at { ">" } else { " " };
         writeln!(out, "{mark}{i:>4} | {ours} | {golden}").unwrap();
     }
@@ -82,9 +81,8 @@ fn compare(name: &str, kind: &str) {
     let list = read_list(name, kind);
     let golden = &list.corners;
     let ours = our_corners(name, list.min_distance_px, golden.len());
-    let differs = |at: usize, how: &str| -> ! {
-        panic!("{name}.{kind}, entry {at}: {how}\n{}", side_by_side(&ours, golden, at))
-    };
+    let differs =
+        |at: usize, how: &str| -> ! { panic!("{name}.{kind}, entry {at}: {how}\n{}", side_by_side(&ours, golden, at)) };
     if ours.len() != golden.len() {
         differs(ours.len().min(golden.len()), &format!("{} corners for {}", ours.len(), golden.len()));
     }

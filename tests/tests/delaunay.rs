@@ -119,7 +119,13 @@ fn check_is_delaunay(points: &[Point], triangles: &[Triple]) -> TestCaseResult {
     }
     let hull = hull(points);
     let distinct = firsts(points).len();
-    prop_assert_eq!(triangles.len(), 2 * distinct - 2 - hull.len(), "triangles of {} points, {} on the hull", distinct, hull.len());
+    prop_assert_eq!(
+        triangles.len(),
+        2 * distinct - 2 - hull.len(),
+        "triangles of {} points, {} on the hull",
+        distinct,
+        hull.len()
+    );
     let twice_hull: i64 = (0..hull.len()).map(|i| orient(hull[0], hull[i], hull[(i + 1) % hull.len()])).sum();
     prop_assert_eq!(area, twice_hull, "twice the area of the triangles, and of the hull");
     let open = edges.iter().filter(|&&(a, b)| !edges.contains(&(b, a))).count();
@@ -215,8 +221,10 @@ fn collinear() -> impl Strategy<Value = Vec<Point>> {
 /// On one circle: radius 65 has 36 points with whole coordinates. With others
 /// near it.
 fn cocircular() -> impl Strategy<Value = Vec<Point>> {
-    let circle: Vec<(i16, i16)> =
-        (-65i16..=65).flat_map(|x| (-65i16..=65).map(move |y| (x, y))).filter(|(x, y)| x * x + y * y == 65 * 65).collect();
+    let circle: Vec<(i16, i16)> = (-65i16..=65)
+        .flat_map(|x| (-65i16..=65).map(move |y| (x, y)))
+        .filter(|(x, y)| x * x + y * y == 65 * 65)
+        .collect();
     let on = (prop::sample::subsequence(circle, 3..=36).prop_shuffle(), 1i16..=120);
     (on, prop::collection::vec(point(0..=16_000), 0..30), any::<bool>()).prop_map(|((circle, scale), others, first)| {
         let on = circle.iter().map(|(x, y)| Point::new(8000 + x * scale, 8000 + y * scale));
@@ -234,8 +242,7 @@ fn duplicates() -> impl Strategy<Value = Vec<Point>> {
 /// Part of a regular grid, in any order.
 fn grid() -> impl Strategy<Value = Vec<Point>> {
     (1i16..=9, 1i16..=9, 1i16..=900, 1i16..=900).prop_flat_map(|(columns, rows, dx, dy)| {
-        let all: Vec<Point> =
-            (0..columns * rows).map(|i| Point::new(i % columns * dx, i / columns * dy)).collect();
+        let all: Vec<Point> = (0..columns * rows).map(|i| Point::new(i % columns * dx, i / columns * dy)).collect();
         let n = all.len();
         prop::sample::subsequence(all, 0..=n).prop_shuffle()
     })

@@ -43,7 +43,9 @@ fn example() -> Vec<u8> {
     let block = page.split("```hex\n").nth(1).unwrap().split("```").next().unwrap();
     let mut model = Vec::new();
     for line in block.lines() {
-        let [offset, bytes, _] = *line.splitn(3, '|').collect::<Vec<_>>() else { panic!("{line:?} has no three columns") };
+        let [offset, bytes, _] = *line.splitn(3, '|').collect::<Vec<_>>() else {
+            panic!("{line:?} has no three columns")
+        };
         let offset = offset.trim();
         if !offset.is_empty() {
             assert_eq!(usize::from_str_radix(offset, 16).unwrap(), model.len(), "offset of {line:?}");
@@ -67,7 +69,10 @@ fn the_example_parses() {
     seal(&mut sealed);
     assert_eq!(bytes[8..16], sealed[8..16], "length and checksum in the page, and what they should be");
     assert!(Model::parse(&bytes).is_ok(), "{:?}", Model::parse(&bytes).err());
-    assert_eq!(Model::parse(&bytes[..bytes.len() - 1]).unwrap_err(), ModelError::Truncated { expected: 3728, given: 3727 });
+    assert_eq!(
+        Model::parse(&bytes[..bytes.len() - 1]).unwrap_err(),
+        ModelError::Truncated { expected: 3728, given: 3727 }
+    );
 }
 
 #[test]

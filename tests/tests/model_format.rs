@@ -38,7 +38,8 @@ fn read_all(model: &Model<'_>) -> String {
 enum Outcome {
     Refused(ModelError),
     Harmless,
-    Panicked,
+    /// With this message.
+    Panicked(String),
 }
 
 /// Parses, and where that succeeds reads and detects.
@@ -51,7 +52,10 @@ fn try_out(bytes: &[u8]) -> Outcome {
             Outcome::Harmless
         }
     });
-    catch_unwind(run).unwrap_or(Outcome::Panicked)
+    catch_unwind(run).unwrap_or_else(|payload| {
+        let text = payload.downcast_ref::<&str>().map(ToString::to_string);
+        Outcome::Panicked(text.or_else(|| payload.downcast_ref::<String>().cloned()).unwrap_or_default())
+    })
 }
 
 /// Complains about the first changes that panicked.
@@ -65,7 +69,7 @@ fn the_small_model_is_whole_and_is_used() {
     let model = Model::parse(&MODEL).unwrap();
     let sections = Sections::of(&MODEL);
     assert_eq!(sections.end, MODEL.len());
-    assert!(MODEL.len() < 24_000, "{} bytes: too many to damage one by one", MODEL.len());
+    assert!(MODEL.len() < 16_000, "{} bytes: too many to damage one by one", MODEL.len());
     assert_eq!((model.objects(), model.views()), (1, 2));
     assert!(model.keygraphs() >= 20, "{} keygraphs", model.keygraphs());
     let (_, stats) = detect(&model);
@@ -88,10 +92,10 @@ fn cut_off_at_every_length() {
 }
 
 #[test]
-fn every_bit_flipped() {
+fn every_byte_damaged() {
     let mut bytes = MODEL.clone();
     for at in 0..bytes.len() {
-        for flip in [1, 2, 4, 8, 16, 32, 64, 128, 255] {
+        for flip in [1, 16, 128, 255] {
             bytes[at] ^= flip;
             let error = Model::parse(&bytes).err();
             bytes[at] ^= flip;
@@ -147,7 +151,10 @@ fn every_message_says_what_to_do() {
         (ModelError::NewerVersion { found: 7 }, &["version 7", "update", "train again"]),
         (ModelError::Truncated { expected: 900, given: 31 }, &["900", "31", "copy it again"]),
         (ModelError::TrailingBytes { expected: 900, given: 931 }, &["900", "931", "copy it again"]),
-        (ModelError::Checksum { expected: 0xdead_beef, computed: 0x0bad_cafe }, &["deadbeef", "0badcafe", "copy it again"]),
+        (
+            ModelError::Checksum { expected: 0xdead_beef, computed: 0x0bad_cafe },
+            &["deadbeef", "0badcafe", "copy it again"],
+        ),
         (ModelError::Inconsistent { section: "views" }, &["views", "train again"]),
     ];
     for (error, words) in table {
@@ -273,7 +280,7 @@ fn counts_traded_between_sections() {
                 add(j, from * steps);
                 seal(&mut bytes);
                 match try_out(&bytes) {
-                    Outcome::Panicked => panics.push(format!("count {i} for count {j}, {steps} times")),
+                    Outcome::Panicked(p) => panics.push(format!("count {i} for count {j}, {steps} times: {p}")),
                     Outcome::Refused(e) => assert!(matches!(e, ModelError::Inconsistent { .. }), "{e:?}"),
                     Outcome::Harmless => {}
                 }
@@ -286,18 +293,18 @@ fn counts_traded_between_sections() {
 #[test]
 fn no_changed_byte_panics_even_with_a_right_checksum() {
     let sections = Sections::of(&MODEL);
-    let every = 0..sections.cells;
     // Behind the keypoints one record is like the other.
-    let some = (sections.cells..MODEL.len()).step_by(29);
-    let vertices = (sections.vertices..sections.features).step_by(3);
+    let some = (sections.cells..MODEL.len()).step_by(97);
+    let vertices = (sections.vertices..sections.features).step_by(7);
     let mut panics = Vec::new();
-    for at in every.chain(some).chain(vertices) {
-        for value in [0, 1, 0x3f, 0x7f, 0x80, 0xff] {
+    for at in (0..sections.cells).chain(some).chain(vertices) {
+        let values: &[u8] = if at < sections.cells { &[0, 1, 0x3f, 0x7f, 0x80, 0xff] } else { &[0, 0x7f, 0xff] };
+        for &value in values {
             let mut bytes = MODEL.clone();
             bytes[at] = value;
             seal(&mut bytes);
-            if matches!(try_out(&bytes), Outcome::Panicked) {
-                panics.push(format!("byte {at} = {value:#04x}"));
+            if let Outcome::Panicked(p) = try_out(&bytes) {
+                panics.push(format!("byte {at} = {value:#04x}: {p}"));
             }
         }
     }
@@ -316,8 +323,8 @@ fn views_with_extreme_numbers_are_refused_or_harmless() {
                 put(&mut bytes, sections.views + Sections::VIEW * view + field, &f32::to_le_bytes(value));
             }
             seal(&mut bytes);
-            if matches!(try_out(&bytes), Outcome::Panicked) {
-                panics.push(format!("view field at byte {field} = {value:e}"));
+            if let Outcome::Panicked(p) = try_out(&bytes) {
+                panics.push(format!("view field at byte {field} = {value:e}: {p}"));
             }
         }
     }
@@ -351,8 +358,8 @@ fn whole_sections_of_noise_are_refused_or_harmless() {
             let mask = [0xff, 0x7f, 0x0f, 0x01][round % 4];
             bytes[range.clone()].fill_with(|| noise() & mask);
             seal(&mut bytes);
-            if matches!(try_out(&bytes), Outcome::Panicked) {
-                panics.push(format!("{name}, round {round}"));
+            if let Outcome::Panicked(p) = try_out(&bytes) {
+                panics.push(format!("{name}, round {round}: {p}"));
             }
         }
     }

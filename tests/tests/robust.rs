@@ -97,9 +97,19 @@ fn draw(format: PixelFormat, w: usize, h: usize, pattern: Pattern) -> Option<Vec
     let data: Vec<u8> = match format {
         PixelFormat::Rgb8 => places().flat_map(|(x, y)| pattern(x, y)).collect(),
         PixelFormat::Gray8 => luma().collect(),
-        PixelFormat::Rgb565 => places().flat_map(|(x, y)| { let p = pattern(x, y); [p[0], p[1]] }).collect(),
+        PixelFormat::Rgb565 => places()
+            .flat_map(|(x, y)| {
+                let p = pattern(x, y);
+                [p[0], p[1]]
+            })
+            .collect(),
         PixelFormat::Yuyv if odd_width => return None,
-        PixelFormat::Yuyv => places().flat_map(|(x, y)| { let p = pattern(x, y); [p[0], p[1 + x % 2]] }).collect(),
+        PixelFormat::Yuyv => places()
+            .flat_map(|(x, y)| {
+                let p = pattern(x, y);
+                [p[0], p[1 + x % 2]]
+            })
+            .collect(),
         PixelFormat::Nv12 | PixelFormat::I420 if odd_width || odd_height => return None,
         PixelFormat::Nv12 => luma().chain(chroma(1).zip(chroma(2)).flat_map(|(u, v)| [u, v])).collect(),
         PixelFormat::I420 => luma().chain(chroma(1)).chain(chroma(2)).collect(),

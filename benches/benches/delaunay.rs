@@ -1,0 +1,131 @@
+//! The fixed-capacity triangulation against spade.
+//!
+//! 50, 200 and 400 points at random in a frame of 640x480 px, on the detector's
+//! grid of 1/16 px. Ours is timed with a single level, which is what spade
+//! computes, and with the detector's nested levels, which spade has to
+//! triangulate one by one. Before anything is timed, the triangles of both are
+//! compared: the same sets, level by level.
+//!
+//! `cargo bench -p keygraph-benches --bench delaunay`
+#![allow(clippy::unwrap_used, clippy::cast_possible_truncation, missing_docs)]
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::hint::black_box;
+use std::time::Duration;
+
+use criterion::{BatchSize, BenchmarkId, Criterion, criterion_group, criterion_main};
+use heapless::Vec as FixedVec;
+use keygraph_core::delaunay::{Triangulation, Triple, triangulate};
+use keygraph_core::geometry::Point;
+use spade::{DelaunayTriangulation, Point2, Triangulation as _};
+
+/// Points that the triangulation has room for: as many as the vga profile.
+const CAPACITY: usize = 512;
+/// The prefixes that the detector triangulates.
+const LEVELS: [usize; 5] = [25, 50, 100, 200, 400];
+
+type Spade = DelaunayTriangulation<Point2<f64>>;
+
+/// `n` different points, the same in every run.
+fn points(n: usize) -> Vec<Point> {
+    let mut state = 0x2545_f491_4f6c_dd1d_u64 ^ n as u64;
+    let mut below = |limit: u64| {
+        // Knuth's constants; the low bits of such a generator are its worst.
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        ((state >> 33) % limit) as i16
+    };
+    let mut found: Vec<Point> = Vec::new();
+    while found.len() < n {
+        let p = Point::new(below(640 * 16), below(480 * 16));
+        if !found.contains(&p) {
+            found.push(p);
+        }
+    }
+    found
+}
+
+fn for_spade(points: &[Point]) -> Vec<Point2<f64>> {
+    points.iter().map(|p| Point2::new(f64::from(p.x), f64::from(p.y))).collect()
+}
+
+fn inserted(points: &[Point2<f64>]) -> Spade {
+    let mut mesh = Spade::new();
+    for &p in points {
+        mesh.insert(p).unwrap();
+    }
+    mesh
+}
+
+/// The prefixes of `LEVELS` that are different for `n` points.
+fn prefixes(n: usize) -> impl Iterator<Item = usize> {
+    LEVELS.into_iter().filter(move |&l| l <= n)
+}
+
+fn sorted(mut t: Triple) -> Triple {
+    t.sort_unstable();
+    t
+}
+
+/// Spade's triangles as indices into `points`.
+fn triangles_of(mesh: &Spade, points: &[Point]) -> BTreeSet<Triple> {
+    let index: BTreeMap<Point, u16> = points.iter().zip(0..).map(|(&p, i)| (p, i)).collect();
+    let id = |p: Point2<f64>| index[&Point::new(p.x as i16, p.y as i16)];
+    mesh.inner_faces().map(|f| sorted(f.positions().map(id))).collect()
+}
+
+fn bench(c: &mut Criterion) {
+    let mut mesh: Box<Triangulation<CAPACITY>> = Box::default();
+    let mut out: FixedVec<Triple, 4096> = FixedVec::new();
+    for n in [50, 200, 400] {
+        let points = points(n);
+        let floats = for_spade(&points);
+
+        let mut ours = |levels: &[usize]| {
+            out.clear();
+            let stats = triangulate(black_box(&points), levels, mesh.workspace(), &mut out);
+            (stats, out.iter().map(|&t| sorted(t)).collect::<BTreeSet<_>>())
+        };
+        let (single, single_set) = ours(&[n]);
+        let (nested, nested_set) = ours(&LEVELS);
+        assert_eq!((single.kept as usize, single.dropped), (single_set.len(), 0), "each triangle once, none lost");
+        assert_eq!((nested.kept as usize, nested.dropped), (nested_set.len(), 0), "each triangle once, none lost");
+        let bulk = Spade::bulk_load(floats.clone()).unwrap();
+        assert_eq!(single_set, triangles_of(&bulk, &points), "{n} points: bulk_load has other triangles");
+        assert_eq!(single_set, triangles_of(&inserted(&floats), &points), "{n} points: insert has other triangles");
+        let union: BTreeSet<Triple> =
+            prefixes(n).flat_map(|l| triangles_of(&inserted(&floats[..l]), &points)).collect();
+        assert_eq!(nested_set, union, "{n} points: the levels have other triangles");
+
+        let mut group = c.benchmark_group("delaunay");
+        group.warm_up_time(Duration::from_millis(500)).measurement_time(Duration::from_secs(2));
+        group.bench_function(BenchmarkId::new("ours, one level", n), |b| {
+            b.iter(|| {
+                out.clear();
+                triangulate(black_box(&points), &[n], mesh.workspace(), &mut out)
+            });
+        });
+        group.bench_function(BenchmarkId::new("ours, nested levels", n), |b| {
+            b.iter(|| {
+                out.clear();
+                triangulate(black_box(&points), &LEVELS, mesh.workspace(), &mut out)
+            });
+        });
+        group.bench_function(BenchmarkId::new("spade, bulk_load", n), |b| {
+            b.iter_batched(|| floats.clone(), |f| Spade::bulk_load(f).unwrap(), BatchSize::SmallInput);
+        });
+        group.bench_function(BenchmarkId::new("spade, insert", n), |b| {
+            b.iter(|| inserted(black_box(&floats)));
+        });
+        group.bench_function(BenchmarkId::new("spade, bulk_load of each level", n), |b| {
+            b.iter_batched(
+                || prefixes(n).map(|l| floats[..l].to_vec()).collect::<Vec<_>>(),
+                |levels| levels.into_iter().map(|f| Spade::bulk_load(f).unwrap()).collect::<Vec<_>>(),
+                BatchSize::SmallInput,
+            );
+        });
+        group.finish();
+    }
+}
+
+criterion_group!(benches, bench);
+criterion_main!(benches);

@@ -1,0 +1,80 @@
+//! What the coarse and the exact functions of `keygraph_core::math` cost.
+//!
+//! 1,000 arguments a pass: the angles of random vectors by `coarse_atan2`
+//! (micromath) and by libm, square roots by both, and integer square roots by
+//! `math::isqrt` and by the standard library. Each is checked first, against
+//! `f64` or against each other. The decision behind the split is
+//! `docs/decisions/0002-float-math.md`.
+//!
+//! `cargo bench -p keygraph-benches --bench float_math`
+#![allow(clippy::cast_possible_truncation, missing_docs)]
+
+use std::hint::black_box;
+use std::time::Duration;
+
+use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use keygraph_core::math;
+use micromath::F32Ext;
+
+const COUNT: usize = 1000;
+
+/// Random numbers, the same in every run.
+fn numbers() -> impl Iterator<Item = u64> {
+    let mut state = 0x9e37_79b9_7f4a_7c15_u64;
+    std::iter::repeat_with(move || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        state >> 16
+    })
+}
+
+/// Sums of `f` over `arguments`: one number, so that nothing is left out.
+fn sum<T: Copy>(arguments: &[T], f: impl Fn(T) -> f32) -> f32 {
+    black_box(arguments).iter().map(|&a| f(a)).sum()
+}
+
+fn isqrt_sum(arguments: &[u64], f: impl Fn(u64) -> u64) -> u64 {
+    black_box(arguments).iter().map(|&n| f(n)).sum()
+}
+
+fn bench(c: &mut Criterion) {
+    // Vectors as keygraph angles meet them: coordinates of up to 1,000,000.
+    let mut coordinate = numbers().map(|n| (n % 2_000_001) as f32 - 1_000_000.0);
+    let vectors: Vec<(f32, f32)> = coordinate
+        .by_ref()
+        .zip(numbers().skip(1))
+        .map(|(x, n)| (x, (n % 1_000_000) as f32 + 1.0))
+        .take(COUNT)
+        .collect();
+    let roots: Vec<f32> = numbers().map(|n| (n % 1_000_000) as f32).take(COUNT).collect();
+    // Sums of squares as corner strengths meet them: below 2^48, of all sizes.
+    let squares: Vec<u64> = numbers().zip(numbers().skip(7)).map(|(n, s)| n >> (s % 40)).take(COUNT).collect();
+
+    let turn = |a: f32, y: f32, x: f32| (f64::from(a) - f64::from(y).atan2(f64::from(x))).abs();
+    for &(y, x) in &vectors {
+        assert!(turn(math::coarse_atan2(y, x), y, x) < 3e-3, "coarse_atan2({y}, {x})");
+        assert!(turn(libm::atan2f(y, x), y, x) < 1e-6, "atan2f({y}, {x})");
+    }
+    for &x in &roots {
+        assert_eq!(math::sqrt(x), x.sqrt(), "sqrt({x})");
+        assert!((F32Ext::sqrt(x) - x.sqrt()).abs() <= 0.07 * x.sqrt(), "micromath sqrt({x})");
+    }
+    for &n in &squares {
+        assert_eq!(u64::from(math::isqrt(n)), n.isqrt(), "isqrt({n})");
+    }
+
+    let mut group = c.benchmark_group("float_math");
+    group
+        .warm_up_time(Duration::from_millis(500))
+        .measurement_time(Duration::from_secs(2))
+        .throughput(Throughput::Elements(COUNT as u64));
+    group.bench_function("atan2: coarse_atan2", |b| b.iter(|| sum(&vectors, |(y, x)| math::coarse_atan2(y, x))));
+    group.bench_function("atan2: libm", |b| b.iter(|| sum(&vectors, |(y, x)| libm::atan2f(y, x))));
+    group.bench_function("sqrt: micromath", |b| b.iter(|| sum(&roots, F32Ext::sqrt)));
+    group.bench_function("sqrt: libm", |b| b.iter(|| sum(&roots, math::sqrt)));
+    group.bench_function("isqrt: math::isqrt", |b| b.iter(|| isqrt_sum(&squares, |n| u64::from(math::isqrt(n)))));
+    group.bench_function("isqrt: u64::isqrt", |b| b.iter(|| isqrt_sum(&squares, u64::isqrt)));
+    group.finish();
+}
+
+criterion_group!(benches, bench);
+criterion_main!(benches);

@@ -1,0 +1,1 @@
+//! Holds the package together: the timings are in `benches/benches`, run by `cargo bench -p keygraph-benches`.
