@@ -1,6 +1,6 @@
 //! What the coarse and the exact functions of `keygraph_core::math` cost.
 //!
-//! 1,000 arguments a pass: the angles of random vectors by `coarse_atan2`
+//! 100,000 arguments a pass, so that the processor cannot learn them: the angles of random vectors by `coarse_atan2`
 //! (micromath) and by libm, square roots by both, and integer square roots by
 //! `math::isqrt` and by the standard library. Each is checked first, against
 //! `f64` or against each other. The decision behind the split is
@@ -16,7 +16,7 @@ use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use keygraph_core::math;
 use micromath::F32Ext;
 
-const COUNT: usize = 1000;
+const COUNT: usize = 100_000;
 
 /// Random numbers, the same in every run.
 fn numbers() -> impl Iterator<Item = u64> {

@@ -100,13 +100,16 @@ impl Search<'_> {
         let keys = &self.keys[KEY * cell.start..KEY * cell.end];
         let skipped = partition_point(keys, l0);
         let features = &self.features[n * (cell.start + skipped)..n * cell.end];
-        let window = self.rule.size_window;
+        // Ranges as one comparison each: v - low <= high - low, wrapping.
+        let seconds = s1 - s0;
+        let z0 = self.size.saturating_sub(self.rule.size_window);
+        let sizes = self.size.saturating_add(self.rule.size_window) - z0;
         let candidates = keys[KEY * skipped..].chunks_exact(KEY).zip(features.chunks_exact(n));
         for (i, (key, feature)) in candidates.enumerate() {
             if key[0] > l1 {
                 break;
             }
-            if key[1] < s0 || key[1] > s1 || key[2].abs_diff(self.size) > window {
+            if !((key[1].wrapping_sub(s0) <= seconds) & (key[2].wrapping_sub(z0) <= sizes)) {
                 continue;
             }
             let Some(distance) = distance(feature, self.feature, self.limit) else { continue };
@@ -147,7 +150,7 @@ fn partition_point(keys: &[u8], l0: u8) -> usize {
 pub fn distance(a: &[u8], b: &[u8], limit: u32) -> Option<u32> {
     const { assert!(FEATURE_BYTES.is_multiple_of(12)) };
     let mut sum = 0;
-    for (a, b) in a.chunks_exact(12).zip(b.chunks_exact(12)) {
+    for (a, b) in a.as_chunks::<12>().0.iter().zip(b.as_chunks::<12>().0) {
         sum += a.iter().zip(b).map(|(a, b)| u32::from(a.abs_diff(*b))).sum::<u32>();
         if sum >= limit {
             return None;

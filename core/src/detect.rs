@@ -593,3 +593,40 @@ fn add(total: &mut StageStats, s: StageStats) {
     total.kept += s.kept;
     total.dropped += s.dropped;
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn outlines_of_one_instance_overlap() {
+        let at = |x: f32| [[x, 0.0], [x + 10.0, 0.0], [x + 10.0, 10.0], [x, 10.0]];
+        assert!(overlap(&at(0.0), &at(4.0)));
+        assert!(!overlap(&at(0.0), &at(6.0)));
+        let small = [[2.0, 2.0], [4.0, 2.0], [4.0, 4.0], [2.0, 4.0]];
+        assert!(overlap(&at(0.0), &small) && overlap(&small, &at(0.0)));
+    }
+
+    #[test]
+    fn the_score_grows_with_each_piece_of_evidence() {
+        let blank = Detection {
+            object: 0,
+            homography: Homography::IDENTITY,
+            corners: [[0.0; 2]; 4],
+            score: 0.0,
+            votes: 5,
+            agreeing: 15,
+            appearance: Appearance { blocks: 36, median: 0.5, upper_third: 0.6, chroma: 0.0 },
+        };
+        let more = |f: &dyn Fn(&mut Detection)| {
+            let mut d = blank;
+            f(&mut d);
+            score(&d)
+        };
+        assert!(more(&|d| d.votes += 5) > score(&blank));
+        assert!(more(&|d| d.agreeing += 5) > score(&blank));
+        assert!(more(&|d| d.appearance.median += 0.2) > score(&blank));
+        assert!(more(&|d| d.appearance.upper_third += 0.2) > score(&blank));
+        assert_eq!(more(&|d| d.appearance.blocks = 3), 0.0, "too little to see");
+    }
+}

@@ -1,0 +1,36 @@
+//! What the README says and a machine can check.
+
+use std::mem::size_of;
+
+use keygraph_core::detect::{HdDetector, QqvgaDetector, QvgaDetector, VgaDetector};
+
+const README: &str = include_str!("../../README.md");
+
+/// The memory table, kept true.
+#[test]
+fn sizes_of_the_detectors() {
+    let profiles = [
+        ("qqvga", 160, 120, size_of::<QqvgaDetector>()),
+        ("qvga", 320, 240, size_of::<QvgaDetector>()),
+        ("vga", 640, 480, size_of::<VgaDetector>()),
+        ("hd", 1280, 720, size_of::<HdDetector>()),
+    ];
+    let rows: Vec<String> = profiles
+        .iter()
+        .map(|(name, w, h, size)| {
+            let with_frame = size + 2 * w * h;
+            format!("| {name} | {w}x{h} | {} KB | {} KB |", size.div_ceil(1024), with_frame.div_ceil(1024))
+        })
+        .collect();
+    let missing: Vec<&String> = rows.iter().filter(|r| !README.contains(*r)).collect();
+    assert!(missing.is_empty(), "README.md lacks these rows of its memory table:\n{missing:#?}");
+}
+
+/// Both commands that it gives exist.
+#[test]
+fn commands_exist() {
+    for command in ["scripts/demo", "scripts/test"] {
+        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(command);
+        assert!(README.contains(command) && path.is_file(), "{command}");
+    }
+}
