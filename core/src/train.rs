@@ -623,3 +623,53 @@ fn write_keygraph(out: &mut [u8], layout: &Layout, at: usize, view: usize, k: &K
     }
     out[layout.features + feature.len() * at..][..feature.len()].copy_from_slice(feature);
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_triple_costs_what_would_have_to_be_missed() {
+        let p = |x, y| Point::new(x, y);
+        // Ranked: two far away, the triangle, one in its circle, one outside.
+        let mut points = std::vec![p(900, 900), p(0, 0), p(160, 0), p(0, 160), p(60, 60), p(400, 10)];
+        assert_eq!(cost(&points, [1, 2, 3]), 1, "a later corner lies inside");
+        points.swap(0, 4);
+        assert_eq!(cost(&points, [1, 2, 3]), 2, "an earlier corner lies inside");
+        assert_eq!(cost(&points, [1, 3, 2]), cost(&points, [1, 2, 3]), "either orientation");
+        assert!(cost(&[p(0, 0), p(5, 5), p(9, 9)], [0, 1, 2]) > MAX_COST, "a line");
+        // Index 2 is the last of the triple: only the four corners after it may count.
+        let mut many = std::vec![p(0, 0), p(160, 0), p(0, 160)];
+        many.extend([p(50, 50); 10]);
+        assert_eq!(cost(&many, [0, 1, 2]), 2);
+    }
+
+    #[test]
+    fn places_go_to_the_cheap_and_every_place_is_filled() {
+        let mut t = std::boxed::Box::new(Table::new());
+        let fed: std::vec::Vec<(usize, u32)> = [(0, 0, 10), (0, 1, 10), (1, 0, 4), (1, 1, 20)]
+            .iter()
+            .flat_map(|&(c, k, n)| std::vec![(c, k); n])
+            .collect();
+        fed.iter().for_each(|&(c, k)| t.count(c, k));
+        assert_eq!((t.total(), t.allot(20, 12)), (44, 19));
+        assert_eq!((t.range(0), t.range(1), t.range(2)), (0..11, 11..19, 19..19));
+        let mut taken = std::vec![0; 19];
+        let mut kept = [[0; 2]; 2];
+        for &(c, k) in &fed {
+            if let Some(at) = t.place(c, k) {
+                taken[at] += 1;
+                kept[c][k as usize] += 1;
+            }
+        }
+        assert!(taken.iter().all(|&n| n == 1), "{taken:?}");
+        assert_eq!(kept, [[10, 1], [4, 4]], "all cheap ones, some of the next");
+    }
+
+    #[test]
+    fn templates_keep_the_shape_of_the_picture() {
+        assert_eq!(template_size(640, 480), (96, 72));
+        assert_eq!(template_size(100, 500), (19, 96));
+        assert_eq!(template_size(640, 16), (96, 8));
+    }
+}
