@@ -158,6 +158,10 @@ fn train_one(
     luma: bool,
     json: bool,
 ) -> Result<()> {
+    // Training takes a second: a folder that is not there is said before.
+    if let Some(folder) = output.parent().filter(|f| !f.as_os_str().is_empty() && !f.is_dir()) {
+        bail!("cannot write {}: the folder {} does not exist", output.display(), folder.display());
+    }
     let (pixels, transparent) = read_picture_noting_transparency(picture)?;
     if transparent {
         eprintln!("keygraph: {} is transparent in places: white is taken there", picture.display());
@@ -217,7 +221,13 @@ fn pack_all(models: &[PathBuf], output: &Path) -> Result<()> {
 fn load(paths: &[PathBuf]) -> Result<Vec<u8>> {
     let mut models = Vec::new();
     for path in paths {
-        let bytes = fs::read(path).with_context(|| format!("cannot read the model {}", path.display()))?;
+        let bytes = fs::read(path).map_err(|e| {
+            let advice = match e.kind() {
+                io::ErrorKind::NotFound => " (make one with `keygraph train`)",
+                _ => "",
+            };
+            anyhow::Error::new(e).context(format!("cannot read the model {}{advice}", path.display()))
+        })?;
         Model::parse(&bytes).with_context(|| path.display().to_string())?;
         models.push(bytes);
     }

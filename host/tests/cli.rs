@@ -520,7 +520,9 @@ fn a_folder_gives_its_pictures_by_name() {
     let sources: Vec<_> = lines.iter().map(|l| text(l, "source").to_string()).collect();
     assert_eq!(sources, ["a.jpeg", "b.jpg", "c.JPG"].map(|n| path(&pictures.join(n))));
     assert_eq!(run.err, "", "standard error when all is well");
-    lines.iter().for_each(|l| drop(only(l)));
+    for line in &lines {
+        only(line);
+    }
 }
 
 #[test]

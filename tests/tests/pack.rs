@@ -1,0 +1,287 @@
+//! Packing: many models merged into one hold what each held, keygraph for
+//! keygraph, and find what each found.
+#![allow(clippy::unwrap_used, clippy::panic, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+
+use std::sync::{LazyLock, Mutex, PoisonError};
+
+use keygraph::input::{Picture, Pixels, read_picture};
+use keygraph::learn::merge;
+use keygraph::search::{Profile, search};
+use keygraph_core::feature::FeatureKind;
+use keygraph_core::frame::{Frame, PixelFormat};
+use keygraph_core::geometry::area;
+use keygraph_core::keygraph::CELLS;
+use keygraph_core::model::{Method, Model};
+use keygraph_core::train::{TrainParams, VgaTrainer, ViewSpec};
+use keygraph_core::write::{PackError, pack, packed_len};
+use keygraph_tests::{Sections, file, small_model};
+
+/// Bytes of a key: the two angles and the size.
+const KEY: usize = 3;
+
+/// Small models of three pictures: some thousand keygraphs on five views.
+static MODELS: LazyLock<[Vec<u8>; 3]> = LazyLock::new(|| ["astronaut", "coffee", "rocket"].map(model_of));
+
+fn model_of(name: &str) -> Vec<u8> {
+    static TRAINER: Mutex<VgaTrainer> = Mutex::new(VgaTrainer::new());
+    let picture = picture(&format!("pictures/{name}"));
+    let Pixels::Rgb8(rgb) = &picture.pixels else { panic!("{name} has no colour") };
+    let (w, h) = (picture.width as usize, picture.height as usize);
+    let frame = Frame::new(PixelFormat::Rgb8, w, h, rgb).unwrap();
+    let views = [400.0, 280.0, 200.0, 140.0, 100.0].map(|side_px| ViewSpec {
+        side_px,
+        squeeze: 1.0,
+        direction_deg: 0.0,
+        keypoints: 60,
+    });
+    let params = TrainParams {
+        name,
+        method: Method::Keygraph,
+        feature: FeatureKind::Both,
+        views: &views,
+        max_keygraphs: 6000,
+        max_per_cell: 4000,
+    };
+    let mut model = vec![0; 1 << 20];
+    let mut trainer = TRAINER.lock().unwrap_or_else(PoisonError::into_inner);
+    let trained = trainer.train(&frame, (picture.width, picture.height), &params, &mut model).unwrap();
+    model.truncate(trained.bytes);
+    model
+}
+
+fn picture(name: &str) -> Picture {
+    read_picture(&file("assets").join(name).with_extension("jpg")).unwrap()
+}
+
+fn parse(models: &[Vec<u8>]) -> Vec<Model<'_>> {
+    models.iter().map(|m| Model::parse(m).unwrap()).collect()
+}
+
+fn packed(models: &[Vec<u8>]) -> Vec<u8> {
+    let models = parse(models);
+    let mut out = vec![0x5a; packed_len(&models).unwrap()];
+    assert_eq!(pack(&models, &mut out).unwrap(), out.len(), "pack says how long the model is");
+    out
+}
+
+/// Everything of a keygraph, without the indices that packing moves.
+type Content = (Vec<u8>, Vec<u8>, String);
+
+/// The keygraphs of a subset, sorted; `first` is what objects are counted from.
+fn cell(model: &Model<'_>, cell: usize, first: usize) -> Vec<Content> {
+    let each = model.feature().bytes();
+    let mut all: Vec<Content> = model
+        .cell(cell)
+        .map(|i| {
+            let (view, points) = model.keygraph(i);
+            let v = model.view(view);
+            let object = first + usize::from(v.object);
+            let place = format!("{object} {:?} {:?} {} {points:?}", v.to_picture, v.centre, v.scale);
+            (model.keys()[KEY * i..][..KEY].to_vec(), model.features()[each * i..][..each].to_vec(), place)
+        })
+        .collect();
+    all.sort();
+    all
+}
+
+/// `merged` holds what `parts` hold, in their order, and is in order itself.
+#[track_caller]
+fn assert_holds(merged: &[u8], parts: &[Vec<u8>]) {
+    let (merged, parts) = (Model::parse(merged).unwrap(), parse(parts));
+    assert_eq!(merged.objects(), parts.iter().map(Model::objects).sum::<usize>(), "objects");
+    assert_eq!(merged.views(), parts.iter().map(Model::views).sum::<usize>(), "views");
+    assert_eq!(merged.keypoints(), parts.iter().map(Model::keypoints).sum::<usize>(), "keypoints");
+    assert_eq!(merged.keygraphs(), parts.iter().map(Model::keygraphs).sum::<usize>(), "keygraphs");
+    assert!(parts.iter().all(|p| (p.method(), p.feature()) == (merged.method(), merged.feature())));
+
+    let objects = |m: &Model<'_>| (0..m.objects()).map(|i| format!("{:?}", m.object(i))).collect::<Vec<_>>();
+    let expected: Vec<_> = parts.iter().flat_map(objects).collect();
+    assert!(objects(&merged) == expected, "objects with their names, sizes and templates, in order");
+
+    let (mut view, mut first) = (0, 0);
+    for part in &parts {
+        for i in 0..part.views() {
+            let (mine, theirs) = (merged.view(view), part.view(i));
+            assert_eq!(usize::from(mine.object), first + usize::from(theirs.object), "object of view {view}");
+            assert_eq!(mine.keypoints, theirs.keypoints, "keypoints of view {view}");
+            for k in 0..usize::from(mine.keypoints) {
+                let at = |m: &Model<'_>, start: u32| m.keypoint(start as usize + k);
+                assert_eq!(at(&merged, mine.first), at(part, theirs.first), "keypoint {k} of view {view}");
+            }
+            view += 1;
+        }
+        first += part.objects();
+    }
+
+    for c in 0..CELLS {
+        let mut expected = Vec::new();
+        let mut first = 0;
+        for part in &parts {
+            expected.extend(cell(part, c, first));
+            first += part.objects();
+        }
+        expected.sort();
+        assert!(cell(&merged, c, 0) == expected, "the keygraphs of subset {c} are not those of the parts");
+        let range = merged.cell(c);
+        let keys = merged.keys()[KEY * range.start..KEY * range.end].chunks_exact(KEY);
+        assert!(keys.is_sorted(), "subset {c} is not in the order of its keys");
+    }
+}
+
+#[test]
+fn the_models_are_worth_merging() {
+    for model in parse(&*MODELS) {
+        assert!(model.keygraphs() >= 2000, "{} keygraphs", model.keygraphs());
+        assert_eq!((model.objects(), model.views()), (1, 5));
+        assert!(model.occupancy().1 >= 10, "subsets of up to {}", model.occupancy().1);
+    }
+}
+
+#[test]
+fn two_and_three_models_keep_all_their_keygraphs() {
+    for models in [&MODELS[..2], &MODELS[1..], &MODELS[..]] {
+        let merged = packed(models);
+        assert_holds(&merged, models);
+        assert_eq!(merge(models).unwrap(), merged, "the host merges as the core packs");
+        assert_eq!(Sections::of(&merged).end, merged.len(), "the counts of the header");
+    }
+}
+
+#[test]
+fn objects_keep_their_order() {
+    let [a, b, c] = &*MODELS;
+    for (order, expected) in [
+        ([a, b, c], ["astronaut", "coffee", "rocket"]),
+        ([c, a, b], ["rocket", "astronaut", "coffee"]),
+        ([b, b, a], ["coffee", "coffee", "astronaut"]),
+    ] {
+        let merged = merge(&order.map(Clone::clone)).unwrap();
+        let model = Model::parse(&merged).unwrap();
+        let names: Vec<_> = (0..model.objects()).map(|i| model.object(i).name).collect();
+        assert_eq!(names, expected);
+    }
+}
+
+#[test]
+fn one_model_packed_is_the_same_model() {
+    for model in &*MODELS {
+        let again = packed(std::slice::from_ref(model));
+        assert_eq!(again.len(), model.len());
+        assert_holds(&again, std::slice::from_ref(model));
+    }
+}
+
+#[test]
+fn a_packed_model_can_be_packed_again() {
+    let [a, b, c] = &*MODELS;
+    let pair = packed(&[a.clone(), b.clone()]);
+    let (left, right) = (packed(&[pair.clone(), c.clone()]), packed(&[c.clone(), pair.clone()]));
+    assert_holds(&left, &MODELS[..]);
+    assert_holds(&left, &[pair.clone(), c.clone()]);
+    assert_holds(&right, &[c.clone(), a.clone(), b.clone()]);
+    assert_holds(&packed(&[pair.clone(), pair.clone()]), &[a.clone(), b.clone(), a.clone(), b.clone()]);
+}
+
+/// Name and outline of all that a model finds in a frame of the sequence, by name.
+fn found(model: &[u8], frame: &str, profile: Profile, slot: usize) -> Vec<(String, [[f32; 2]; 4])> {
+    let (model, picture) = (Model::parse(model).unwrap(), picture(&format!("sequence/{frame}")));
+    let found = search(&picture, &model, profile, 0.5, false, slot).unwrap();
+    let name = |object: u16| model.object(usize::from(object)).name.to_string();
+    let mut all: Vec<_> = found.detections.iter().map(|d| (name(d.object), d.corners)).collect();
+    all.sort_by(|a, b| a.0.cmp(&b.0));
+    all
+}
+
+/// Merged and alone, to the same place: candidates of the objects share the vote,
+/// so that the fit may start from a few other pairs, but it ends alike.
+#[test]
+fn the_merged_model_finds_what_the_models_find() {
+    let merged = merge(&MODELS[..]).unwrap();
+    for (frame, profile, objects) in [
+        ("0001", Profile::Vga, &["astronaut"][..]),
+        ("0017", Profile::Vga, &["astronaut", "coffee"]),
+        ("0019", Profile::Vga, &["astronaut", "coffee"]),
+        ("0024", Profile::Vga, &[]),
+        ("0002", Profile::Qqvga, &["astronaut"]),
+    ] {
+        let mut alone: Vec<_> = MODELS.iter().flat_map(|m| found(m, frame, profile, 0)).collect();
+        alone.sort_by(|a, b| a.0.cmp(&b.0));
+        let together = found(&merged, frame, profile, 0);
+        let names = |all: &[(String, [[f32; 2]; 4])]| all.iter().map(|d| d.0.clone()).collect::<Vec<_>>();
+        assert_eq!(names(&alone), objects, "{frame} {profile:?}: found by the models alone");
+        assert_eq!(names(&together), objects, "{frame} {profile:?}: found by the merged model");
+        for ((name, a), (_, b)) in alone.iter().zip(&together) {
+            let distance = |(a, b): (&[f32; 2], &[f32; 2])| (a[0] - b[0]).hypot(a[1] - b[1]);
+            let off = a.iter().zip(b).map(distance).fold(0.0, f32::max) / area(a).abs().sqrt();
+            println!("{frame} {profile:?} {name}: {off:.5} of its size apart");
+            assert!(off < 0.02, "{frame} {profile:?} {name}: {a:?} alone, {b:?} merged");
+        }
+    }
+}
+
+#[test]
+fn models_that_differ_are_refused_with_advice() {
+    let first = small_model(Method::Keygraph, FeatureKind::Both, 10);
+    let others = [
+        small_model(Method::Keygraph, FeatureKind::Luma, 10),
+        small_model(Method::Keygraph, FeatureKind::Chroma, 10),
+        small_model(Method::Paper, FeatureKind::Both, 10),
+    ];
+    for other in others {
+        for (models, index) in
+            [(vec![first.clone(), other.clone()], 1), (vec![first.clone(), first.clone(), other.clone()], 2)]
+        {
+            let parsed = parse(&models);
+            assert_eq!(packed_len(&parsed), Err(PackError::Different { index }));
+            assert_eq!(pack(&parsed, &mut [0; 1 << 16]), Err(PackError::Different { index }));
+            let message = format!("{:#}", merge(&models).unwrap_err());
+            for word in [&format!("model {}", index + 1), "train all alike", "--luma", "--preset paper"] {
+                assert!(message.contains(word), "{word:?} is not in {message:?}");
+            }
+        }
+        // With its like it goes together.
+        assert_holds(&packed(&[other.clone(), other.clone()]), &[other.clone(), other]);
+    }
+}
+
+#[test]
+fn a_buffer_without_room_is_told_what_is_needed() {
+    let models = parse(&MODELS[..2]);
+    let needed = packed_len(&models).unwrap();
+    assert!(needed < MODELS[0].len() + MODELS[1].len(), "one header and one index instead of two");
+    for given in [0, 1, needed / 2, needed - 1] {
+        let error = pack(&models, &mut vec![0; given]).unwrap_err();
+        assert_eq!(error, PackError::NoRoom { needed, given });
+        let message = error.to_string();
+        assert!(message.contains(&needed.to_string()) && message.contains(&given.to_string()), "{message}");
+    }
+    // What lies behind the model is left alone.
+    let mut large = vec![0x5a; needed + 100];
+    assert_eq!(pack(&models, &mut large), Ok(needed));
+    assert!(large[needed..].iter().all(|&b| b == 0x5a), "written behind the end");
+    assert_eq!(large[..needed], packed(&MODELS[..2]), "whatever was in the buffer before");
+}
+
+#[test]
+fn nothing_and_too_many_are_refused() {
+    assert_eq!(packed_len(&[]), Err(PackError::Nothing));
+    assert_eq!(pack(&[], &mut [0; 1 << 12]), Err(PackError::Nothing));
+    assert!(format!("{:#}", merge(&[]).unwrap_err()).contains("no model"));
+
+    // Two views each.
+    let small = small_model(Method::Keygraph, FeatureKind::Luma, 8);
+    let model = Model::parse(&small).unwrap();
+    assert_eq!(model.views(), 2);
+    assert!(packed_len(&vec![model; 32_767]).is_ok(), "65,534 views fit");
+    assert_eq!(packed_len(&vec![model; 32_768]), Err(PackError::TooMany), "65,536 views");
+    assert!(PackError::TooMany.to_string().contains("split"), "{}", PackError::TooMany);
+}
+
+#[test]
+fn a_damaged_model_is_not_merged() {
+    let mut models = MODELS[..2].to_vec();
+    let middle = models[1].len() / 2;
+    models[1][middle] ^= 1;
+    let message = format!("{:#}", merge(&models).unwrap_err());
+    assert!(message.contains("copy it again"), "{message}");
+}
