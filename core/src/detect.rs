@@ -62,12 +62,12 @@ pub struct Stats {
 /// Where keypoints and triples of a frame come from: the framework is open to
 /// others than our corners and their triangulation.
 pub trait Finder {
-    /// Appends the keypoints of pyramid level `level` to `out`, which is empty,
-    /// best first, in px of that level.
+    /// Appends the keypoints of pyramid level `level` to `out`, which is empty, in
+    /// px of that level: the best first, since what does not fit is lost.
     fn keypoints(&mut self, luma: Plane<'_, u8>, level: usize, out: &mut VecView<Corner>) -> StageStats;
 
     /// Appends triples of indices into `points` (best first) to `out`, which is
-    /// empty.
+    /// empty and holds `KEYGRAPHS` of them; so many keygraphs are kept in all.
     fn triples(&mut self, points: &[Point], out: &mut VecView<Triple>) -> StageStats;
 }
 

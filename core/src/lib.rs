@@ -79,6 +79,9 @@
 #[cfg(test)]
 extern crate std;
 
+/// The containers that the stages write into.
+pub use heapless;
+
 pub mod capacity;
 pub mod math;
 pub mod geometry;
