@@ -7,7 +7,7 @@
 //! its blocks and not the object. Blocks without texture, or outside the frame,
 //! do not count.
 //!
-//! Memory: a few hundred bytes of stack. Cost: one bilinear sample for each pixel
+//! Memory: some 2 KB of stack. Cost: one bilinear sample for each pixel
 //! of the template (9,216 at most).
 
 use crate::capacity::LEVELS;

@@ -1,7 +1,8 @@
-//! Every fixed size in one place, with its byte cost, and what the stages count.
+//! Sizes that several stages share, and what the stages count. Sizes of one stage
+//! stand in its file, those of the profiles in `detect`.
 //!
-//! A full buffer is not an error: the stage keeps the best and counts what it
-//! dropped in a [`StageStats`].
+//! A full buffer is not an error: corners keep the strongest, later stages what came
+//! first, and what was dropped is counted in a [`StageStats`].
 
 /// What one stage saw, kept and dropped for lack of room in one frame.
 ///
@@ -9,7 +10,8 @@
 /// have been passed on had the buffer been larger. What a stage rejects by its
 /// own rule (a thin triangle, a weak corner) is in neither of the last two. Classify
 /// keeps up to two matches of what it sees; delaunay's losses count points and
-/// triangles alike.
+/// triangles alike; corners count as dropped beyond the method's limit too; pose
+/// counts candidates in, and vertex pairs as dropped.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct StageStats {
     /// Candidates that came in.

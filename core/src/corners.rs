@@ -7,7 +7,8 @@
 //! Tomasi, *Good Features to Track*, CVPR 1994). Borders mirror without
 //! repeating the edge, the outermost pixels hold no corner, and a corner is a
 //! pixel that no neighbour exceeds: OpenCV's `goodFeaturesToTrack`. Its place
-//! is then refined by a parabola through the strengths beside it.
+//! is then refined by a parabola through the strengths beside it, where those
+//! below the threshold so far count as none.
 //!
 //! Memory: [`SCRATCH_ROWS`] rows of `i32` and 12 bytes a candidate. Cost: one
 //! pass over the pixels; a square root only where the smaller diagonal element

@@ -24,7 +24,9 @@ use crate::keygraph::{Keygraph, collect_keygraphs};
 use crate::math;
 use crate::method::{Parameters, Ranking};
 use crate::model::Model;
-use crate::pose::{AGREEMENT, CORNER_NOISE_PX, Grown, Normalised, Pair, collect_pairs, count_agreeing, grow};
+use crate::pose::{
+    AGREEMENT, CORNER_NOISE_PX, Grown, MAX_CORNERS, Normalised, Pair, collect_pairs, count_agreeing, grow,
+};
 use crate::pyramid::{Plane, Pyramid, to_level0};
 use crate::vote::{Bin, Candidate, Vote, cast, vote};
 
@@ -121,9 +123,9 @@ pub struct Detector<
 }
 
 /// Frames of up to 160 x 120 px.
-pub type QqvgaDetector = Detector<{ luma_bytes(160 * 120) }, { chroma_bytes(160 * 120) }, 160, 320, 160, 384, 768>;
+pub type QqvgaDetector = Detector<{ luma_bytes(160 * 120) }, { chroma_bytes(160 * 120) }, 160, 420, 160, 448, 1024>;
 /// Frames of up to 320 x 240 px.
-pub type QvgaDetector = Detector<{ luma_bytes(320 * 240) }, { chroma_bytes(320 * 240) }, 320, 800, 256, 1024, 2048>;
+pub type QvgaDetector = Detector<{ luma_bytes(320 * 240) }, { chroma_bytes(320 * 240) }, 320, 800, 256, 1024, 2816>;
 /// Frames of up to 640 x 480 px.
 pub type VgaDetector = Detector<{ luma_bytes(640 * 480) }, { chroma_bytes(640 * 480) }, 640, 2000, 512, 4096, 16384>;
 /// Frames of up to 1280 x 720 px.
@@ -189,8 +191,9 @@ impl<
         threshold: f32,
         clock: &mut dyn FnMut() -> u64,
     ) -> Result<&[Detection], FrameError> {
-        self.finder.rules = Some(model.method().parameters());
+        self.stages.clear();
         Self::check(frame)?;
+        self.finder.rules = Some(model.method().parameters());
         self.stages.detect(frame, model, threshold, clock, &mut self.finder)
     }
 
@@ -206,6 +209,7 @@ impl<
         clock: &mut dyn FnMut() -> u64,
         finder: &mut impl Finder,
     ) -> Result<&[Detection], FrameError> {
+        self.stages.clear();
         Self::check(frame)?;
         self.stages.detect(frame, model, threshold, clock, finder)
     }
@@ -307,8 +311,8 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
     Stages<LUMA, CHROMA, CORNERS, KEYGRAPHS, BINS>
 {
     const FITS: () = assert!(
-        CORNERS <= u16::MAX as usize && KEYGRAPHS < u16::MAX as usize,
-        "ids are u16: lower CORNERS or KEYGRAPHS"
+        CORNERS <= MAX_CORNERS && KEYGRAPHS < u16::MAX as usize,
+        "ids are u16 and corners are counted in a bit set: lower CORNERS or KEYGRAPHS"
     );
 
     const fn new() -> Self {
@@ -333,6 +337,16 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
         }
     }
 
+    /// Forgets the frame before.
+    fn clear(&mut self) {
+        self.stats = Stats::default();
+        self.detections.clear();
+        self.points.clear();
+        self.ends = [0; LEVELS];
+        self.keygraphs.clear();
+        self.votes.clear();
+    }
+
     fn vertices(&self, k: &Keygraph) -> [(u16, [f32; 2]); 3] {
         k.vertices.map(|v| (v, to_level0(self.points[usize::from(v)], usize::from(k.level))))
     }
@@ -351,8 +365,6 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
         clock: &mut dyn FnMut() -> u64,
         finder: &mut impl Finder,
     ) -> Result<&[Detection], FrameError> {
-        self.stats = Stats::default();
-        self.detections.clear();
         let rules = model.method().parameters();
         let mut last = clock();
         let mut lap = |stats: &mut Stats, stage: Stage| {
@@ -366,8 +378,6 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
         self.pyramid.reduce();
         lap(&mut self.stats, Stage::Pyramid);
 
-        self.points.clear();
-        self.keygraphs.clear();
         for level in 0..LEVELS {
             self.find_keypoints(level, finder);
             lap(&mut self.stats, Stage::Corners);
@@ -443,7 +453,6 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
     }
 
     fn find_matches(&mut self, model: &Model<'_>, rules: &Parameters) {
-        self.votes.clear();
         let limit = distance_limit(model.feature().bytes(), &rules.matching);
         let (mut matches, mut votes) = (StageStats::default(), StageStats::default());
         for (i, k) in self.keygraphs.iter().enumerate() {
@@ -507,7 +516,6 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
         if !is_plausible(&corners, 144.0, 4.0) {
             return;
         }
-        let twin = self.detections.iter().position(|d| d.object == c.object && overlap(&d.corners, &corners));
         let mut d = Detection {
             object: c.object,
             homography: grown.homography,
@@ -517,7 +525,8 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
             agreeing: grown.agreeing,
             appearance: Appearance::default(),
         };
-        if twin.is_some_and(|t| self.detections[t].agreeing >= d.agreeing) {
+        let twin = |d: &Detection, of: &Detection| d.object == of.object && overlap(&d.corners, &of.corners);
+        if self.detections.iter().any(|t| twin(t, &d) && t.agreeing >= d.agreeing) {
             return;
         }
         if rules.grow {
@@ -545,17 +554,16 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
             d.votes = u16::try_from(c.weight).unwrap_or(u16::MAX);
             d.score = 1.0 - 1.0 / c.weight as f32;
         }
-        if d.score < threshold {
+        // The pose may have moved, onto another detection or out of what can be.
+        let beaten = |t: &Detection| twin(t, &d) && t.score >= d.score;
+        if d.score < threshold || !is_plausible(&d.corners, 144.0, 4.0) || self.detections.iter().any(beaten) {
             return;
         }
-        match twin {
-            Some(t) if self.detections[t].score < d.score => self.detections[t] = d,
-            Some(_) => {}
-            None => match self.detections.push(d) {
-                Ok(()) => stats.kept += 1,
-                Err(_) => stats.dropped += 1,
-            },
+        self.detections.retain(|t| !twin(t, &d));
+        if self.detections.push(d).is_err() {
+            stats.dropped += 1;
         }
+        stats.kept = count(self.detections.len());
     }
 }
 

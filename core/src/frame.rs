@@ -22,6 +22,9 @@ pub const DARK: i32 = 20;
 /// Smallest accepted side of a frame, px.
 pub const MIN_SIDE: usize = 16;
 
+/// Longest side of any frame, px: positions are 16 bits of 1/16 px.
+pub const MAX_SIDE: usize = 2047;
+
 /// How the pixels of a [`Frame`] lie in memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PixelFormat {
@@ -108,7 +111,7 @@ impl core::fmt::Display for FrameError {
             }
             Self::TooLarge { pixels, max_pixels, side, max_side } => write!(
                 f,
-                "{pixels} pixels with a longer side of {side} px do not fit: at most {max_pixels} pixels and {max_side} px"
+                "{pixels} pixels with a longer side of {side} px do not fit: at most {max_pixels} pixels and {max_side} px; scale it down, or use a larger profile"
             ),
         }
     }
@@ -134,6 +137,11 @@ impl<'a> Frame<'a> {
     pub const fn new(format: PixelFormat, width: usize, height: usize, data: &'a [u8]) -> Result<Self, FrameError> {
         if width < MIN_SIDE || height < MIN_SIDE {
             return Err(FrameError::TooSmall { width, height });
+        }
+        let side = if width > height { width } else { height };
+        if side > MAX_SIDE {
+            let pixels = width.saturating_mul(height);
+            return Err(FrameError::TooLarge { pixels, max_pixels: MAX_SIDE * MAX_SIDE, side, max_side: MAX_SIDE });
         }
         let (odd_width, odd_height) = match format {
             PixelFormat::Yuyv => (!width.is_multiple_of(2), false),

@@ -71,8 +71,9 @@
 //! | [`detect::VgaDetector`] | 640 x 480 | at most 4 MB |
 //! | [`detect::HdDetector`] | 1280 x 720 | at most 12 MB |
 //!
-//! A full buffer is never an error: the stage keeps the best and counts what it
-//! dropped ([`capacity::StageStats`]). Nothing here reads a clock; callers pass one.
+//! A full buffer is never an error: corners keep the strongest, later stages what
+//! came first (best corners and coarse triangles come first), and what was lost is
+//! counted ([`capacity::StageStats`]). Nothing here reads a clock; callers pass one.
 #![no_std]
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::cast_possible_truncation, clippy::cast_sign_loss))]
 

@@ -155,17 +155,10 @@ impl Layout {
         let vertices = after(keys, keygraphs, KEY)?;
         let features = after(vertices, keygraphs, VERTICES)?;
         let t = after(features, keygraphs, feature_bytes)?;
-        Some(Self {
-            objects: o,
-            views: v,
-            keypoints: k,
-            cells: c,
-            keys,
-            vertices,
-            features,
-            templates: t,
-            end: after(t, templates, 1)?,
-        })
+        let end = after(t, templates, 1)?;
+        // Lengths and offsets are stored in 32 bits.
+        u32::try_from(end).ok()?;
+        Some(Self { objects: o, views: v, keypoints: k, cells: c, keys, vertices, features, templates: t, end })
     }
 }
 

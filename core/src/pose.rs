@@ -45,7 +45,7 @@ pub const CORNER_NOISE_PX: f32 = 2.0;
 pub const AGREEMENT: f32 = 0.025;
 
 /// Frame corners that can be told apart when they are counted.
-const MAX_CORNERS: usize = 4096;
+pub const MAX_CORNERS: usize = 4096;
 
 /// A grown pose.
 #[derive(Clone, Copy, Debug)]

@@ -10,7 +10,7 @@
 //! refused.
 
 use crate::capacity::LEVELS;
-use crate::frame::{Frame, FrameError, NO_CHROMA};
+use crate::frame::{Frame, FrameError, MAX_SIDE, NO_CHROMA};
 use crate::geometry::Point;
 
 /// A borrowed plane of pixels without padding.
@@ -107,7 +107,7 @@ impl<const LUMA: usize, const CHROMA: usize> Pyramid<LUMA, CHROMA> {
                 pixels: w * h,
                 max_pixels: LUMA / 85 * 64,
                 side: w.max(h),
-                max_side: usize::MAX,
+                max_side: MAX_SIDE,
             });
         }
         (self.width, self.height) = (w, h);

@@ -17,7 +17,8 @@
 //! Nothing is held in between: the triples are enumerated twice, first to count
 //! them by subset and cost, then to put each record at its place.
 //!
-//! Memory: two pyramids and some 40 KB of tables ([`Trainer`]). Cost: under a
+//! Memory: two pyramids, the corners' rows and candidates, and some 40 KB of tables
+//! ([`Trainer`]: 1.3 MB for vga). Cost: under a
 //! second on a desktop for the largest preset.
 
 use heapless::Vec;
@@ -38,6 +39,8 @@ use crate::write::{put_u16, put_u32, sort_cell, write_header};
 pub const MAX_VIEWS: usize = 64;
 /// Keypoints of a view: they are numbered by a byte.
 pub const MAX_VIEW_KEYPOINTS: usize = 255;
+/// Shortest side of a view, px.
+const MIN_VIEW_SIDE: usize = 24;
 /// Costs above this are not worth their bytes.
 const MAX_COST: u32 = 15;
 const COSTS: usize = MAX_COST as usize + 1;
@@ -91,6 +94,14 @@ pub enum TrainError {
         /// Keypoints found over all views.
         keypoints: usize,
     },
+    /// A side is too short to hold corners in any view: take a larger picture, or
+    /// one of a larger part of the object.
+    TooNarrow {
+        /// Width as trained on, px.
+        width: usize,
+        /// Height as trained on, px.
+        height: usize,
+    },
     /// More views than [`MAX_VIEWS`], or none.
     Views,
 }
@@ -105,6 +116,10 @@ impl core::fmt::Display for TrainError {
             Self::NothingToHold { keypoints } => write!(
                 f,
                 "the picture has too little to hold on to ({keypoints} corners): use one with more texture, sharper or brighter"
+            ),
+            Self::TooNarrow { width, height } => write!(
+                f,
+                "{width}x{height} px (as trained on) is too small or too narrow: each side needs {MIN_VIEW_SIDE} px and better 100; use a larger picture or a less elongated part of the object"
             ),
             Self::Views => write!(f, "a model is made from 1 to {MAX_VIEWS} views"),
         }
@@ -187,6 +202,11 @@ impl<const LUMA: usize, const CHROMA: usize, const SIDE: usize, const CORNERS: u
         params: &TrainParams<'_>,
         out: &mut [u8],
     ) -> Result<Trained, TrainError> {
+        let (w, h) = (picture.width(), picture.height());
+        if w.max(h) > SIDE {
+            let max_pixels = LUMA / 85 * 64;
+            return Err(FrameError::TooLarge { pixels: w * h, max_pixels, side: w.max(h), max_side: SIDE }.into());
+        }
         self.picture.load(picture)?;
         self.picture.reduce();
         let rules = params.method.parameters();
@@ -271,19 +291,19 @@ impl<const LUMA: usize, const CHROMA: usize, const SIDE: usize, const CORNERS: u
             let k = 1.0 - v.squeeze;
             let (a, b, d) = (scale * (1.0 - k * cos * cos), -scale * k * sin * cos, scale * (1.0 - k * sin * sin));
             let (vw, vh) = (a * w + b.abs() * h, b.abs() * w + d * h);
+            let size = |v: f32| usize::try_from(math::round(v)).unwrap_or(0).min(SIDE);
+            let (width, height) = (size(vw), size(vh));
             let middle = |v: f32| (v - 1.0) / 2.0;
             let to_view = Homography::affine([
                 a,
                 b,
-                middle(vw) - a * middle(w) - b * middle(h),
+                middle(width as f32) - a * middle(w) - b * middle(h),
                 b,
                 d,
-                middle(vh) - b * middle(w) - d * middle(h),
+                middle(height as f32) - b * middle(w) - d * middle(h),
             ]);
-            let size = |v: f32| usize::try_from(math::round(v)).unwrap_or(0).min(SIDE);
-            let (width, height) = (size(vw), size(vh));
             let Some(to_loaded) = to_view.inverse() else { continue };
-            if width.min(height) >= 24 && Pyramid::<LUMA, CHROMA>::fits(width, height) {
+            if width.min(height) >= MIN_VIEW_SIDE && Pyramid::<LUMA, CHROMA>::fits(width, height) {
                 // It fits: no more views than specifications.
                 let _ = plans.push(Plan {
                     width,
@@ -294,7 +314,8 @@ impl<const LUMA: usize, const CHROMA: usize, const SIDE: usize, const CORNERS: u
                 });
             }
         }
-        if plans.is_empty() { Err(TrainError::NothingToHold { keypoints: 0 }) } else { Ok(plans) }
+        let (width, height) = (loaded.width(), loaded.height());
+        if plans.is_empty() { Err(TrainError::TooNarrow { width, height }) } else { Ok(plans) }
     }
 
     /// Renders a view and ranks its corners.

@@ -8,7 +8,7 @@
 //! Image Features from Scale-Invariant Keypoints*, IJCV 2004. A vote near a bin
 //! border goes to both bins; a keygraph counts once in a bin.
 //!
-//! Memory: 16 bytes a bin. Cost: some five bins a vote; candidates times bins to
+//! Memory: 12 bytes a bin. Cost: some five bins a vote; candidates times bins to
 //! find the peaks. Full: votes for new bins are counted as dropped.
 
 use heapless::VecView;

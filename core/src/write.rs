@@ -25,7 +25,7 @@ pub enum PackError {
         /// Index of the first model that differs from the first of all.
         index: usize,
     },
-    /// More than 65,535 objects or views: split them over several files.
+    /// More than 65,535 objects or views, or 4 GiB: split them over several files.
     TooMany,
     /// The buffer is too short: give `needed` bytes ([`packed_len`]).
     NoRoom {
@@ -46,7 +46,7 @@ impl core::fmt::Display for PackError {
                 index + 1
             ),
             Self::TooMany => {
-                write!(f, "more than 65,535 objects or views do not fit one model: split them over several")
+                write!(f, "more than 65,535 objects or views, or 4 GiB, do not fit one model: split them over several")
             }
             Self::NoRoom { needed, given } => write!(f, "{given} bytes cannot hold the packed model of {needed}"),
         }

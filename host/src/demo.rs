@@ -71,9 +71,9 @@ pub fn demo(assets: &Path, out: &Path) -> Result<[Tally; 2]> {
 
     let truth = fs::read_to_string(sequence.join("truth.json")).context("the true poses of the sequence")?;
     let truth: Value = serde_json::from_str(&truth)?;
-    let mut source = Source::open(&[sequence])?;
+    let mut source = Source::open(std::slice::from_ref(&sequence))?;
     let progress = Progress::new(source.len_hint(), "frames");
-    let mut gallery = Gallery::new(&frames)?;
+    let mut gallery = Gallery::new(&frames, std::slice::from_ref(&sequence))?;
     let options =
         Options { profile: Profile::Vga, threshold: DEFAULT_THRESHOLD, threads: default_threads(), annotate: true };
     let mut tallies = [Tally::default(); 2];

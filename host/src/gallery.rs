@@ -22,6 +22,8 @@ const STILLS_FPS: (u32, u32) = (10, 1);
 #[derive(Debug)]
 pub struct Gallery {
     target: Target,
+    /// Resolved paths that are read, and must not be written.
+    inputs: HashSet<PathBuf>,
     written: HashSet<PathBuf>,
     video: Option<Running>,
 }
@@ -42,11 +44,12 @@ struct Running {
 }
 
 impl Gallery {
-    /// Decides by the extension of `path`; a folder is made.
+    /// Decides by the extension of `path`; a folder is made. None of `inputs` will
+    /// be overwritten, nor anything in a folder among them.
     ///
     /// # Errors
     /// When the folder cannot be made.
-    pub fn new(path: &Path) -> Result<Self> {
+    pub fn new(path: &Path, inputs: &[PathBuf]) -> Result<Self> {
         let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
         let target = match extension.as_str() {
             _ if path.is_dir() => Target::Folder(path.into()),
@@ -57,7 +60,8 @@ impl Gallery {
                 Target::Folder(path.into())
             }
         };
-        Ok(Self { target, written: HashSet::new(), video: None })
+        let inputs = inputs.iter().filter_map(|i| fs::canonicalize(i).ok()).collect();
+        Ok(Self { target, inputs, written: HashSet::new(), video: None })
     }
 
     /// Adds a frame.
@@ -82,14 +86,15 @@ impl Gallery {
                     "--annotate {} takes one picture and there are more: give a folder",
                     path.display()
                 );
-                self.save(path, source, canvas)
+                self.save(path, canvas)
             }
             (Target::Picture(path), Some(_)) => {
                 bail!("--annotate {} is a picture and {source} a video: give a folder or a .mp4 file", path.display())
             }
             (Target::Folder(folder), Some(fps)) => {
                 let name = if source == "-" { "stdin".into() } else { stem(source) };
-                let path = folder.join(name).with_extension("mp4");
+                let path = folder.join(format!("{name}.mp4"));
+                let path = if self.video.as_ref().is_some_and(|v| v.source == source) { path } else { self.free(path) };
                 self.add_to_video(source, &path, source, fps, canvas)
             }
             (Target::Folder(folder), None) => {
@@ -99,20 +104,26 @@ impl Gallery {
                 if !extension.is_some_and(|e| PICTURES.contains(&e.as_str())) {
                     path = path.with_extension("png");
                 }
-                let first = path.clone();
-                let mut n = 1;
-                while self.written.contains(&path) {
-                    n += 1;
-                    let extension = first.extension().unwrap_or_default().to_string_lossy();
-                    path = first.with_file_name(format!("{}-{n}.{extension}", stem(&first.to_string_lossy())));
-                }
-                self.save(path, source, canvas)
+                let path = self.free(path);
+                self.save(path, canvas)
             }
         }
     }
 
-    fn save(&mut self, path: PathBuf, source: &str, canvas: &Canvas) -> Result<()> {
-        refuse_source(&path, source)?;
+    /// `path`, or with a number if this run has written it already.
+    fn free(&self, path: PathBuf) -> PathBuf {
+        let numbered = |n: usize| {
+            let extension = path.extension().unwrap_or_default().to_string_lossy();
+            path.with_file_name(format!("{}-{n}.{extension}", stem(&path.to_string_lossy())))
+        };
+        if !self.written.contains(&path) {
+            return path;
+        }
+        (2..).map(numbered).find(|p| !self.written.contains(p)).unwrap_or(path)
+    }
+
+    fn save(&mut self, path: PathBuf, canvas: &Canvas) -> Result<()> {
+        self.refuse_input(&path)?;
         canvas.save(&path)?;
         self.written.insert(path);
         Ok(())
@@ -124,7 +135,8 @@ impl Gallery {
         }
         let size = (canvas.width(), canvas.height());
         if self.video.is_none() {
-            refuse_source(path, source)?;
+            self.refuse_input(path)?;
+            self.written.insert(path.into());
             let writer = VideoWriter::create(path, size.0, size.1, fps)?;
             self.video = Some(Running { source: key.into(), path: path.into(), size, writer });
         }
@@ -139,6 +151,13 @@ impl Gallery {
             v.size.1
         );
         v.writer.write(canvas)
+    }
+
+    fn refuse_input(&self, path: &Path) -> Result<()> {
+        let is_input = fs::canonicalize(path)
+            .is_ok_and(|p| self.inputs.contains(&p) || p.parent().is_some_and(|f| self.inputs.contains(f)));
+        ensure!(!is_input, "--annotate would overwrite the input {}: give another folder", path.display());
+        Ok(())
     }
 
     fn finish_video(&mut self) -> Result<()> {
@@ -156,13 +175,4 @@ impl Gallery {
 
 fn stem(path: &str) -> String {
     Path::new(path).file_stem().unwrap_or_default().to_string_lossy().into_owned()
-}
-
-fn refuse_source(path: &Path, source: &str) -> Result<()> {
-    let same = match (fs::canonicalize(path), fs::canonicalize(source)) {
-        (Ok(a), Ok(b)) => a == b,
-        _ => false,
-    };
-    ensure!(!same, "--annotate would overwrite its own input {source}: give another folder");
-    Ok(())
 }

@@ -12,7 +12,7 @@ use keygraph_core::model::{Method, Model};
 use keygraph_core::train::{TrainParams, Trained, VgaTrainer, ViewSpec};
 use keygraph_core::write::{pack, packed_len};
 
-use crate::input::Picture;
+use crate::input::{Picture, Pixels};
 use crate::search::fit;
 
 /// How much a model holds.
@@ -86,7 +86,21 @@ impl Preset {
     }
 }
 
-/// Trains on `picture`.
+/// Whether a picture has colour worth training on: one pixel in a hundred whose
+/// channels differ by a tenth of their range.
+#[must_use]
+pub fn has_colour(picture: &Picture) -> bool {
+    match &picture.pixels {
+        Pixels::Rgb8(rgb) => {
+            let coloured = |p: &&[u8]| p.iter().max().zip(p.iter().min()).is_some_and(|(a, b)| a - b > 25);
+            100 * rgb.chunks_exact(3).filter(coloured).count() > rgb.len() / 3
+        }
+        Pixels::Gray8(_) => false,
+        Pixels::I420(_) => true,
+    }
+}
+
+/// Trains on `picture`; on luma alone if it has no colour.
 ///
 /// # Errors
 /// When the picture is too small, or has too little texture.
@@ -96,6 +110,7 @@ pub fn train(picture: &Picture, name: &str, preset: Preset, luma_only: bool) -> 
     let frame = Frame::new(scaled.format, scaled.width, scaled.height, &scaled.data).context("the picture")?;
     let mut model = vec![0; preset.bytes()];
     let mut trainer = TRAINER.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+    let luma_only = luma_only || (preset != Preset::Paper && !has_colour(picture));
     let params = preset.params(name, luma_only);
     let trained = trainer.train(&frame, (picture.width, picture.height), &params, &mut model)?;
     model.truncate(trained.bytes);

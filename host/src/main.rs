@@ -11,16 +11,17 @@ use std::process::ExitCode;
 use anyhow::{Context, Result, bail};
 use clap::{Parser, Subcommand};
 use keygraph::gallery::Gallery;
-use keygraph::input::{Pixels, Source, read_picture_noting_transparency};
-use keygraph::learn::{Preset, merge, train};
+use keygraph::input::{Picture, Source, read_picture_noting_transparency};
+use keygraph::learn::{Preset, has_colour, merge, train};
 use keygraph::progress::Progress;
 use keygraph::run::{Options, default_threads, run};
-use keygraph::search::{Found, MAX_THREADS, Profile};
+use keygraph::search::{Found, MAX_THREADS, Profile, search};
 use keygraph::{demo, report};
 use keygraph_core::detect::DEFAULT_THRESHOLD;
 use keygraph_core::feature::FeatureKind;
-use keygraph_core::model::Model;
+use keygraph_core::model::{Method, Model, NAME_BYTES};
 use keygraph_core::train::Trained;
+use keygraph_core::write::PackError;
 
 /// Finds planar objects (books, posters, boxes, signs) in camera frames from one
 /// picture of each.
@@ -91,7 +92,7 @@ enum Command {
         /// Least score of a detection, 0 to 1
         #[arg(long, default_value_t = DEFAULT_THRESHOLD, value_parser = score)]
         threshold: f32,
-        /// Frames searched at once [default: one a processor]
+        /// Frames searched at once [default: one a processor, at most 8]
         #[arg(long, value_parser = clap::value_parser!(u8).range(1..=MAX_THREADS as i64))]
         threads: Option<u8>,
     },
@@ -166,8 +167,12 @@ fn train_one(
     if transparent {
         eprintln!("keygraph: {} is transparent in places: white is taken there", picture.display());
     }
-    if matches!(pixels.pixels, Pixels::Gray8(_)) && preset == Preset::Paper && !luma {
-        bail!("{} has no colour, which the paper's features are made of: use another preset", picture.display());
+    match (has_colour(&pixels), preset) {
+        (false, Preset::Paper) if !luma => {
+            bail!("{} has no colour, which the paper's features are made of: use another preset", picture.display());
+        }
+        (false, _) if !luma => eprintln!("keygraph: {} has no colour: trained on luma alone", picture.display()),
+        _ => {}
     }
     let name = name
         .unwrap_or_else(|| picture.file_stem().map_or_else(|| "object".into(), |s| s.to_string_lossy().into_owned()));
@@ -175,12 +180,28 @@ fn train_one(
         train(&pixels, &name, preset, luma).with_context(|| format!("cannot train on {}", picture.display()))?;
     fs::write(output, &bytes).with_context(|| format!("cannot write {}", output.display()))?;
     let model = Model::parse(&bytes)?;
+    warn(&pixels, picture, &name, &model)?;
     if json {
         return print(&report::model_object(&model).to_string());
     }
     print(&format!("picture    {}, {}x{} px", picture.display(), pixels.width, pixels.height))?;
     print(&training_report(&trained))?;
     print(&model_report(&model, output))
+}
+
+/// Says on standard error what makes a model less useful than it looks.
+fn warn(pixels: &Picture, path: &Path, name: &str, model: &Model<'_>) -> Result<()> {
+    if name.len() > NAME_BYTES {
+        eprintln!("keygraph: the name was cut to {NAME_BYTES} bytes: {}", model.object(0).name);
+    }
+    let own = search(pixels, model, Profile::Vga, DEFAULT_THRESHOLD, false, 0)?;
+    if model.method() == Method::Keygraph && own.detections.is_empty() {
+        eprintln!(
+            "keygraph: the object is not found even in {} itself: use a picture with more texture, a larger one, or a less elongated part of the object",
+            path.display()
+        );
+    }
+    Ok(())
 }
 
 fn training_report(t: &Trained) -> String {
@@ -198,8 +219,9 @@ fn model_report(model: &Model<'_>, path: &Path) -> String {
     let (used, largest) = model.occupancy();
     let triples: u64 = (0..model.objects()).map(|i| u64::from(model.object(i).triples)).sum();
     format!(
-        "triples    {triples} possible\nkeygraphs  {}\nsubsets    {used} used, the largest has {largest}\n\
+        "method     {}\ntriples    {triples} possible\nkeygraphs  {}\nsubsets    {used} used, the largest has {largest}\n\
          model      {}, {} bytes, feature {}",
+        report::method_name(model),
         model.keygraphs(),
         path.display(),
         model.bytes().len(),
@@ -231,7 +253,13 @@ fn load(paths: &[PathBuf]) -> Result<Vec<u8>> {
         Model::parse(&bytes).with_context(|| path.display().to_string())?;
         models.push(bytes);
     }
-    if models.len() == 1 { Ok(models.remove(0)) } else { merge(&models) }
+    if models.len() == 1 {
+        return Ok(models.remove(0));
+    }
+    merge(&models).map_err(|e| match e.downcast_ref() {
+        Some(&PackError::Different { index }) => e.context(paths[index].display().to_string()),
+        _ => e,
+    })
 }
 
 fn inspect(path: &Path, json: bool) -> Result<()> {
@@ -257,7 +285,7 @@ fn detect(
     let bytes = load(models)?;
     let model = Model::parse(&bytes)?;
     let mut source = Source::open(inputs)?;
-    let mut gallery = annotate.map(Gallery::new).transpose()?;
+    let mut gallery = annotate.map(|path| Gallery::new(path, inputs)).transpose()?;
     let progress = Progress::new(source.len_hint(), "frames");
     let mut failed = false;
     run(&mut source, &model, options, |outcome| {
@@ -267,7 +295,8 @@ fn detect(
                 failed = true;
                 progress.print(&format!("keygraph: {e:#}"));
                 if json {
-                    print(&report::error_line(&outcome.source, outcome.frame, &format!("{e:#}")).to_string())?;
+                    let line = report::error_line(&outcome.source, outcome.frame, &format!("{e:#}"));
+                    progress.aside(|| print(&line.to_string()))?;
                 }
             }
             Ok(s) => {
@@ -276,7 +305,7 @@ fn detect(
                 } else {
                     in_words(&outcome.source, outcome.frame, &model, &s.found)
                 };
-                print(&line)?;
+                progress.aside(|| print(&line))?;
                 if let (Some(g), Some(c)) = (&mut gallery, &s.canvas) {
                     g.add(&outcome.source, outcome.kind, c)?;
                 }
@@ -297,7 +326,8 @@ fn in_words(source: &str, frame: u64, model: &Model<'_>, found: &Found) -> Strin
             let [x, y] = [0, 1].map(|i| d.corners.iter().map(|c| c[i]).sum::<f32>() / 4.0);
             let side = |a: [f32; 2], b: [f32; 2]| (b[0] - a[0]).hypot(b[1] - a[1]);
             let [a, b, c, _] = d.corners;
-            let angle = (b[1] - a[1]).atan2(b[0] - a[0]).to_degrees();
+            // Plus nothing: -0 is written as 0.
+            let angle = (b[1] - a[1]).atan2(b[0] - a[0]).to_degrees().round() + 0.0;
             format!(
                 "{} at ({x:.0}, {y:.0}), {:.0}x{:.0} px, turned by {angle:.0} degrees, score {:.2}",
                 model.object(usize::from(d.object)).name,

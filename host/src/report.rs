@@ -1,7 +1,7 @@
 //! Results as JSON: the lines and objects that other programs read.
 
 use keygraph_core::capacity::Stage;
-use keygraph_core::model::Model;
+use keygraph_core::model::{Method, Model};
 use serde_json::{Map, Value, json};
 
 use crate::search::Found;
@@ -58,6 +58,15 @@ pub fn error_line(source: &str, frame: u64, error: &str) -> Value {
     json!({"source": source, "frame": frame, "error": error, "detections": []})
 }
 
+/// The name of the method that a model was trained for.
+#[must_use]
+pub const fn method_name(model: &Model<'_>) -> &'static str {
+    match model.method() {
+        Method::Keygraph => "keygraph",
+        Method::Paper => "paper",
+    }
+}
+
 /// What `train --json` and `inspect --json` print.
 #[must_use]
 pub fn model_object(model: &Model<'_>) -> Value {
@@ -73,5 +82,6 @@ pub fn model_object(model: &Model<'_>) -> Value {
         "bytes": model.bytes().len(),
         "feature": model.feature().name(),
         "views": model.views(),
+        "method": method_name(model),
     })
 }

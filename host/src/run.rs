@@ -5,11 +5,12 @@
 //! there. Memory: at most two frames a thread are in flight.
 
 use std::collections::BTreeMap;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Mutex;
-use std::sync::mpsc::{channel, sync_channel};
+use std::sync::mpsc::channel;
 use std::thread;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, anyhow};
 use keygraph_core::model::Model;
 
 use crate::annotate::{Canvas, Outline, colour, draw_corners, draw_label, draw_outline, draw_triangles};
@@ -71,47 +72,61 @@ pub fn run(
     mut each: impl FnMut(Outcome) -> Result<()>,
 ) -> Result<()> {
     let threads = options.threads.clamp(1, MAX_THREADS);
-    let (jobs, queue) = sync_channel::<(u64, SourceFrame)>(2 * threads);
+    let (jobs, queue) = channel::<(u64, SourceFrame)>();
     let queue = Mutex::new(queue);
     let (done, outcomes) = channel();
+    // A frame is read when there is a permit for it; it comes back with the outcome.
+    let (permit, permits) = channel();
+    for _ in 0..2 * threads {
+        // The receiver lives in this function.
+        let _ = permit.send(());
+    }
     thread::scope(|scope| {
+        scope.spawn(move || {
+            // A thread of its own, since a live source makes its reader wait.
+            for (index, ()) in (0..).zip(permits) {
+                let Some(frame) = source.next() else { return };
+                if jobs.send((index, frame)).is_err() {
+                    return;
+                }
+            }
+        });
         for slot in 0..threads {
             let (done, queue) = (done.clone(), &queue);
             scope.spawn(move || {
                 loop {
                     let job = queue.lock().map_or(None, |q| q.recv().ok());
                     let Some((index, frame)) = job else { return };
-                    if done.send((index, search_one(frame, model, options, slot))).is_err() {
+                    if done.send((index, search_safely(frame, model, options, slot))).is_err() {
                         return;
                     }
                 }
             });
         }
         drop(done);
+        // Both ends go when this closure does, even on an error: then all threads end.
+        let (permit, outcomes) = (permit, outcomes);
         let mut waiting = BTreeMap::new();
-        let (mut fed, mut emitted) = (0, 0);
-        let mut ended = false;
-        loop {
-            while !ended && fed - emitted < 2 * threads as u64 {
-                // The workers receive as long as this scope lives.
-                ended = source.next().is_none_or(|frame| jobs.send((fed, frame)).is_err());
-                fed += u64::from(!ended);
-            }
-            if fed == emitted {
-                // Dropping the sender, at the end of the scope's closure, ends the workers.
-                drop(jobs);
-                return Ok(());
-            }
-            let (index, outcome) = outcomes.recv().context("a search thread ended early")?;
+        let mut next = 0;
+        for (index, outcome) in outcomes {
             waiting.insert(index, outcome);
-            while let Some(outcome) = waiting.remove(&emitted) {
-                emitted += 1;
-                if let Err(e) = each(outcome) {
-                    drop(jobs);
-                    return Err(e);
-                }
+            while let Some(outcome) = waiting.remove(&next) {
+                next += 1;
+                each(outcome)?;
+                // The reader has ended when the source has.
+                let _ = permit.send(());
             }
         }
+        Ok(())
+    })
+}
+
+/// [`search_one`], with a panic turned into an error of this frame alone.
+fn search_safely(frame: SourceFrame, model: &Model<'_>, options: &Options, slot: usize) -> Outcome {
+    let (source, index, kind) = (frame.source.clone(), frame.frame, frame.kind);
+    catch_unwind(AssertUnwindSafe(|| search_one(frame, model, options, slot))).unwrap_or_else(|_| {
+        let result = Err(anyhow!("{source}, frame {index}: the search failed; please report this frame"));
+        Outcome { source, frame: index, kind, result }
     })
 }
 

@@ -5,7 +5,7 @@ use std::borrow::Cow;
 use std::sync::{Mutex, MutexGuard};
 use std::time::Instant;
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use keygraph_core::detect::{Detection, HdDetector, QqvgaDetector, QvgaDetector, Stats, VgaDetector};
 use keygraph_core::frame::{Frame, FrameError, PixelFormat};
 use keygraph_core::geometry::Homography;
@@ -160,7 +160,9 @@ pub fn search(
     let start = Instant::now();
     let (side, pixels) = profile.limits();
     let scaled = fit(picture, side, pixels);
-    let frame = Frame::new(scaled.format, scaled.width, scaled.height, &scaled.data)?;
+    let frame = Frame::new(scaled.format, scaled.width, scaled.height, &scaled.data).with_context(|| {
+        format!("{}x{} px, {}x{} at this profile", picture.width, picture.height, scaled.width, scaled.height)
+    })?;
     let slot = slot % MAX_THREADS;
     let mut found = match profile {
         Profile::Hd => lock(&HD[slot]).run(&frame, model, threshold, details),
