@@ -722,6 +722,50 @@ fn an_input_is_never_overwritten() {
     assert_eq!(fs::read(&input).unwrap(), fs::read(frame(0)).unwrap(), "the input is as it was");
 }
 
+#[test]
+fn another_input_is_not_overwritten_either_and_equal_names_are_numbered() {
+    let folder = Folder::new("overwrite-other");
+    let model = folder.astronaut();
+    let (a, b) = (folder.join("a"), folder.join("b"));
+    for place in [&a, &b] {
+        fs::create_dir(place).unwrap();
+        fs::copy(frame(0), place.join("x.jpg")).unwrap();
+    }
+    let inputs = [a.join("x.jpg"), b.join("x.jpg")];
+    keygraph!("detect", "-m", model, inputs[0], inputs[1], "--annotate", b).ended_with(1).said(&["overwrite"]);
+    assert_eq!(fs::read(&inputs[1]).unwrap(), fs::read(frame(0)).unwrap(), "the second input is as it was");
+    let out = folder.join("out");
+    keygraph!("detect", "-m", model, inputs[0], inputs[1], "--annotate", out).ended_with(0);
+    let mut names: Vec<_> = fs::read_dir(&out).unwrap().map(|e| e.unwrap().file_name()).collect();
+    names.sort();
+    assert_eq!(names, ["x-2.jpg", "x.jpg"]);
+}
+
+#[test]
+fn a_gray_picture_trains_on_luma_and_is_found_in_colour() {
+    let folder = Folder::new("gray-luma");
+    let (gray, model) = (folder.join("gray.png"), folder.join("gray.kgm"));
+    image::open(picture("astronaut")).unwrap().to_luma8().save(&gray).unwrap();
+    let trained = keygraph!("train", gray, "-o", model, "--json").ended_with(0).said(&["no colour", "luma"]);
+    assert_eq!(trained.object()["feature"], "luma");
+    for line in keygraph!("detect", "-m", model, frame(0), frame(2), "--json").ended_with(0).lines() {
+        assert_eq!(line["detections"].as_array().unwrap().len(), 1, "{line}");
+    }
+}
+
+#[test]
+fn a_picture_that_is_too_narrow_comes_with_advice() {
+    let folder = Folder::new("narrow");
+    let (narrow, model) = (folder.join("narrow.png"), folder.join("narrow.kgm"));
+    image::open(picture("astronaut")).unwrap().resize_exact(640, 20, image::imageops::Triangle).save(&narrow).unwrap();
+    let run = keygraph!("train", narrow, "-o", model);
+    if run.status == 0 {
+        run.said(&["not found even in", "less elongated"]);
+    } else {
+        run.said(&["narrow"]);
+    }
+}
+
 // -------------------------------------------------------------------- videos
 
 /// Makes a video of the first `frames` of the sequence. False, and a line that
