@@ -166,7 +166,10 @@ impl<
 > Detector<LUMA, CHROMA, SIDE, CORNERS, POINTS, KEYGRAPHS, BINS>
 {
     /// Longest side of a frame, px.
-    pub const MAX_SIDE: usize = SIDE;
+    pub const MAX_SIDE: usize = {
+        assert!(SIDE <= 2047, "positions are 16 bits of 1/16 px: lower SIDE");
+        SIDE
+    };
     /// Most pixels of a frame.
     pub const MAX_PIXELS: usize = LUMA / 85 * 64;
 
@@ -216,7 +219,7 @@ impl<
 
     fn check(frame: &Frame<'_>) -> Result<(), FrameError> {
         let (w, h) = (frame.width(), frame.height());
-        if w.max(h) > SIDE || !Pyramid::<LUMA, CHROMA>::fits(w, h) {
+        if w.max(h) > Self::MAX_SIDE || !Pyramid::<LUMA, CHROMA>::fits(w, h) {
             let (pixels, side) = (w * h, w.max(h));
             return Err(FrameError::TooLarge { pixels, max_pixels: Self::MAX_PIXELS, side, max_side: SIDE });
         }

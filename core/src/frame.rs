@@ -22,8 +22,9 @@ pub const DARK: i32 = 20;
 /// Smallest accepted side of a frame, px.
 pub const MIN_SIDE: usize = 16;
 
-/// Longest side of any frame, px: positions are 16 bits of 1/16 px.
-pub const MAX_SIDE: usize = 2047;
+/// Longest side of any frame, px, so that its size in bytes fits 32 bits. Detectors
+/// take less.
+pub const MAX_SIDE: usize = 1 << 15;
 
 /// How the pixels of a [`Frame`] lie in memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

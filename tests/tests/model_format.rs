@@ -198,7 +198,7 @@ const CONTRADICTIONS: [Change; 44] = [
     ("header", "one keypoint less", |b, _| b[28] -= 1),
     ("header", "one keygraph more", |b, _| b[32] += 1),
     ("header", "no templates", |b, _| put(b, 36, &[0; 4])),
-    ("header", "the most keygraphs", |b, _| put(b, 32, &[0xff; 4])),
+    ("counts", "the most keygraphs", |b, _| put(b, 32, &[0xff; 4])),
     ("counts", "no object, its bytes in the templates", |b, _| {
         put(b, 20, &[0; 4]);
         let templates = read_u32(b, 36) + 56;
