@@ -351,7 +351,7 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
     }
 
     fn vertices(&self, k: &Keygraph) -> [(u16, [f32; 2]); 3] {
-        k.vertices.map(|v| (v, to_level0(self.points[usize::from(v)], usize::from(k.level))))
+        vertices(&self.points, k)
     }
 
     /// The keypoints of a level.
@@ -460,7 +460,7 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
         let (mut matches, mut votes) = (StageStats::default(), StageStats::default());
         for (i, k) in self.keygraphs.iter().enumerate() {
             let id = u16::try_from(i).unwrap_or(0);
-            let to = k.vertices.map(|v| to_level0(self.points[usize::from(v)], usize::from(k.level)));
+            let to = self.vertices(k).map(|(_, p)| p);
             matches.seen += 1;
             for m in
                 classify(model, k.key, k.size, k.shortest, &self.features[i], &rules.matching).into_iter().flatten()
@@ -488,10 +488,7 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
             stats.kept += 1;
             return Some((Grown { homography: map.to_px(&candidate.pose.turn()), agreeing: 0 }, map));
         }
-        let corners = |i: u16| {
-            let k = &keygraphs[usize::from(i)];
-            k.vertices.map(|v| (v, to_level0(points[usize::from(v)], usize::from(k.level))))
-        };
+        let corners = |i: u16| vertices(points, &keygraphs[usize::from(i)]);
         let (map, lost) = collect_pairs(model, candidate, votes, corners, pairs);
         stats.dropped += lost.dropped;
         let grown = grow(candidate, &map, pairs)?;
@@ -548,7 +545,7 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
             let agrees = Agreement::new(&d);
             let supporters = self.votes.iter().filter(|v| {
                 let k = &self.keygraphs[usize::from(v.frame_keygraph)];
-                let to = k.vertices.map(|v| to_level0(self.points[usize::from(v)], usize::from(k.level)));
+                let to = vertices(&self.points, k).map(|(_, p)| p);
                 agrees.holds(model, v, to)
             });
             d.votes = u16::try_from(supporters.count()).unwrap_or(u16::MAX);
@@ -568,6 +565,11 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
         }
         stats.kept = count(self.detections.len());
     }
+}
+
+/// The vertices of a keygraph: their indices and places in level 0, px.
+fn vertices(points: &[Point], k: &Keygraph) -> [(u16, [f32; 2]); 3] {
+    k.vertices.map(|v| (v, to_level0(points[usize::from(v)], usize::from(k.level))))
 }
 
 /// Estimate of the probability that a pose is right: a logistic regression over
