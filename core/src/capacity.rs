@@ -39,6 +39,8 @@ pub enum Stage {
     Features,
     /// Nearest neighbours in the model.
     Classify,
+    /// Matches whose surroundings look alike.
+    Verify,
     /// Hough votes and their peaks.
     Vote,
     /// Candidates grown to homographies.
@@ -49,7 +51,7 @@ pub enum Stage {
 
 impl Stage {
     /// How many stages there are.
-    pub const COUNT: usize = 10;
+    pub const COUNT: usize = 11;
 
     /// All stages in pipeline order.
     pub const ALL: [Self; Self::COUNT] = [
@@ -60,6 +62,7 @@ impl Stage {
         Self::Keygraphs,
         Self::Features,
         Self::Classify,
+        Self::Verify,
         Self::Vote,
         Self::Pose,
         Self::Accept,
@@ -76,6 +79,7 @@ impl Stage {
             Self::Keygraphs => "keygraphs",
             Self::Features => "features",
             Self::Classify => "classify",
+            Self::Verify => "verify",
             Self::Vote => "vote",
             Self::Pose => "pose",
             Self::Accept => "accept",

@@ -42,10 +42,13 @@ pub struct Match {
     pub distance: u16,
 }
 
-/// The nearest neighbour and the next.
-pub type Nearest = [Option<Match>; 2];
+/// Most matches of a keygraph.
+pub const NEIGHBOURS: usize = 6;
 
-/// Finds the best two matches of a keygraph with this key, size, shortest side
+/// The nearest neighbours, nearest first.
+pub type Nearest = [Option<Match>; NEIGHBOURS];
+
+/// Finds the best matches of a keygraph with this key, size, shortest side
 /// (px) and feature.
 #[must_use]
 pub fn classify(model: &Model<'_>, key: Key, size: u8, shortest: u8, feature: &Feature, rule: &MatchRule) -> Nearest {
@@ -57,11 +60,11 @@ pub fn classify(model: &Model<'_>, key: Key, size: u8, shortest: u8, feature: &F
         size,
         rule,
         limit: distance_limit(bytes, rule) + 1,
-        best: [None; 2],
+        best: [None; NEIGHBOURS],
     };
     if rule.one_cell {
         search.run(model.cell(key.cell()), 0, u8::MAX, 0, u8::MAX);
-        search.best[1] = None;
+        search.best[1..].fill(None);
         return search.best;
     }
     let noise = rule.tolerance_px / u16::from(shortest.max(1));
@@ -121,14 +124,14 @@ impl Search<'_> {
     }
 
     fn keep(&mut self, m: Match) {
-        let [first, second] = &mut self.best;
-        if first.is_none_or(|f| m.distance < f.distance) {
-            *second = first.replace(m);
-        } else {
-            *second = Some(m);
+        let nearer = |b: &Option<Match>| b.is_some_and(|b| b.distance <= m.distance);
+        let place = self.best.iter().take_while(|b| nearer(b)).count();
+        if place < NEIGHBOURS {
+            self.best[place..].rotate_right(1);
+            self.best[place] = Some(m);
         }
-        if let Some(s) = second {
-            self.limit = u32::from(s.distance);
+        if let Some(last) = self.best[NEIGHBOURS - 1] {
+            self.limit = u32::from(last.distance);
         }
     }
 }

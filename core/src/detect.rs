@@ -12,12 +12,12 @@ use core::mem::size_of;
 
 use heapless::{Vec, VecView};
 
-use crate::align::{Appearance, appearance, is_plausible, refine};
+use crate::align::{Appearance, is_plausible, refine};
 use crate::capacity::{CANDIDATES, DETECTIONS, FEATURE_BYTES, LEVELS, Stage, StageStats, chroma_bytes, luma_bytes};
-use crate::classify::{classify, distance_limit};
+use crate::classify::{Match, NEIGHBOURS, classify};
 use crate::corners::{Corner, SCRATCH_ROWS, detect_corners, rank_by_radius, rank_by_strength};
 use crate::delaunay::{Triangulation, Triple, triangulate};
-use crate::feature::{Feature, extract};
+use crate::feature::{Feature, FeatureKind, extract};
 use crate::frame::{Frame, FrameError};
 use crate::geometry::{Homography, Point, area, contains};
 use crate::keygraph::{Keygraph, collect_keygraphs};
@@ -25,9 +25,10 @@ use crate::math;
 use crate::method::{Parameters, Ranking};
 use crate::model::Model;
 use crate::pose::{
-    AGREEMENT, CORNER_NOISE_PX, Grown, MAX_CORNERS, Normalised, Pair, collect_pairs, count_agreeing, grow,
+    AGREEMENT, CORNER_NOISE_PX, MAX_CORNERS, Normalised, Pair, SHAPES, collect_pairs, count_agreeing, grow,
 };
-use crate::pyramid::{Plane, Pyramid, to_level0};
+use crate::pyramid::{Plane, Pyramid, PyramidView, to_level0};
+use crate::verify::likeness;
 use crate::vote::{Bin, Candidate, Vote, cast, vote};
 
 /// Detections below this score are not reported unless the caller asks for them.
@@ -123,13 +124,13 @@ pub struct Detector<
 }
 
 /// Frames of up to 160 x 120 px.
-pub type QqvgaDetector = Detector<{ luma_bytes(160 * 120) }, { chroma_bytes(160 * 120) }, 160, 420, 160, 448, 1024>;
+pub type QqvgaDetector = Detector<{ luma_bytes(160 * 120) }, { chroma_bytes(160 * 120) }, 160, 420, 160, 448, 768>;
 /// Frames of up to 320 x 240 px.
-pub type QvgaDetector = Detector<{ luma_bytes(320 * 240) }, { chroma_bytes(320 * 240) }, 320, 800, 256, 1024, 2816>;
+pub type QvgaDetector = Detector<{ luma_bytes(320 * 240) }, { chroma_bytes(320 * 240) }, 320, 800, 256, 1024, 2048>;
 /// Frames of up to 640 x 480 px.
-pub type VgaDetector = Detector<{ luma_bytes(640 * 480) }, { chroma_bytes(640 * 480) }, 640, 2000, 512, 4096, 16384>;
+pub type VgaDetector = Detector<{ luma_bytes(640 * 480) }, { chroma_bytes(640 * 480) }, 640, 2000, 512, 4096, 6144>;
 /// Frames of up to 1280 x 720 px.
-pub type HdDetector = Detector<{ luma_bytes(1280 * 720) }, { chroma_bytes(1280 * 720) }, 1280, 4000, 1024, 8192, 32768>;
+pub type HdDetector = Detector<{ luma_bytes(1280 * 720) }, { chroma_bytes(1280 * 720) }, 1280, 4000, 1024, 8192, 12288>;
 
 /// The budgets hold the detector and one raw frame of two bytes a pixel.
 const fn with_frame(detector: usize, pixels: usize) -> usize {
@@ -290,6 +291,17 @@ impl Agreement {
     }
 }
 
+/// Blocks that agree from which on a pose is not grown a second time.
+const CONVINCING: f32 = 8.0;
+
+/// Least area of an outline, px, and most that a side may be shrunk against its
+/// opposite.
+const MIN_AREA_PX: f32 = 144.0;
+const MAX_RATIO: f32 = 4.0;
+
+/// Keygraphs that are matched before their matches are verified.
+const CHUNK: usize = 16;
+
 /// The buffers between the stages.
 #[derive(Debug)]
 struct Stages<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAPHS: usize, const BINS: usize> {
@@ -302,6 +314,8 @@ struct Stages<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, cons
     triples: Vec<Triple, KEYGRAPHS>,
     keygraphs: Vec<Keygraph, KEYGRAPHS>,
     features: [Feature; KEYGRAPHS],
+    /// Matches of a chunk of keygraphs, each with its keygraph.
+    matches: Vec<(u16, Match), { CHUNK * NEIGHBOURS }>,
     votes: Vec<Vote, KEYGRAPHS>,
     bins: [Bin; BINS],
     candidates: Vec<Candidate, CANDIDATES>,
@@ -328,6 +342,7 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
             triples: Vec::new(),
             keygraphs: Vec::new(),
             features: [[0; FEATURE_BYTES]; KEYGRAPHS],
+            matches: Vec::new(),
             votes: Vec::new(),
             bins: [Bin::FREE; BINS],
             candidates: Vec::new(),
@@ -391,18 +406,40 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
         }
         self.extract_features(model, rules);
         lap(&mut self.stats, Stage::Features);
-        self.find_matches(model, rules);
-        lap(&mut self.stats, Stage::Classify);
+        for first in (0..self.keygraphs.len()).step_by(CHUNK) {
+            self.find_matches(model, rules, first);
+            lap(&mut self.stats, Stage::Classify);
+            self.cast_votes(model, rules);
+            lap(&mut self.stats, Stage::Verify);
+        }
         let candidates = &mut self.candidates;
         *stage(&mut self.stats, Stage::Vote) = vote(&self.votes, &rules.voting, &mut self.bins, candidates);
         candidates.truncate(rules.candidates);
         lap(&mut self.stats, Stage::Vote);
         for i in 0..self.candidates.len() {
             let candidate = self.candidates[i];
-            let grown = self.grow(model, &candidate, rules);
-            lap(&mut self.stats, Stage::Pose);
-            if let Some((g, map)) = grown {
-                self.accept(model, &candidate, &g, &map, rules, threshold);
+            if rules.grow {
+                let map = self.find_pairs(model, &candidate);
+                let mut best: Option<Detection> = None;
+                for shape in SHAPES {
+                    let grown = self.grow(model, &candidate, &map, shape);
+                    lap(&mut self.stats, Stage::Pose);
+                    let aligned = grown.map(|d| self.align(model, d));
+                    lap(&mut self.stats, Stage::Accept);
+                    let support = |d: &Option<Detection>| d.map_or(-1.0, |d| d.appearance.support);
+                    if support(&aligned) > support(&best) {
+                        best = aligned;
+                    }
+                    if support(&best) >= CONVINCING {
+                        break;
+                    }
+                }
+                if let Some(d) = best {
+                    let d = self.weigh_evidence(model, &map, d);
+                    self.accept(d, threshold);
+                }
+            } else {
+                self.accept(similar(model, &candidate), threshold);
             }
             lap(&mut self.stats, Stage::Accept);
         }
@@ -455,116 +492,140 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
         *stage(&mut self.stats, Stage::Features) = StageStats { seen: n, kept: n, dropped: 0 };
     }
 
-    fn find_matches(&mut self, model: &Model<'_>, rules: &Parameters) {
-        let limit = distance_limit(model.feature().bytes(), &rules.matching);
-        let (mut matches, mut votes) = (StageStats::default(), StageStats::default());
-        for (i, k) in self.keygraphs.iter().enumerate() {
+    /// Matches the keygraphs from `first` on, as many as there is room for.
+    fn find_matches(&mut self, model: &Model<'_>, rules: &Parameters, first: usize) {
+        self.matches.clear();
+        for i in first..self.keygraphs.len().min(first + CHUNK) {
+            let k = &self.keygraphs[i];
             let id = u16::try_from(i).unwrap_or(0);
-            let to = self.vertices(k).map(|(_, p)| p);
-            matches.seen += 1;
-            for m in
-                classify(model, k.key, k.size, k.shortest, &self.features[i], &rules.matching).into_iter().flatten()
-            {
-                let Some(v) = cast(model, m, id, to, limit) else { continue };
-                match self.votes.push(v) {
-                    Ok(()) => votes.kept += 1,
-                    Err(_) => votes.dropped += 1,
-                }
-            }
+            let nearest = classify(model, k.key, k.size, k.shortest, &self.features[i], &rules.matching);
+            // They fit: a keygraph has at most NEIGHBOURS of them.
+            self.matches.extend(nearest.into_iter().flatten().map(|m| (id, m)));
         }
-        matches.kept = votes.kept;
-        matches.dropped = votes.dropped;
-        *stage(&mut self.stats, Stage::Classify) = matches;
+        let seen = self.keygraphs.len().min(first + CHUNK) - first;
+        let stats = StageStats { seen: count(seen), kept: count(self.matches.len()), dropped: 0 };
+        add(stage(&mut self.stats, Stage::Classify), stats);
     }
 
-    /// Grows a candidate, or takes its similarity as it is.
-    fn grow(&mut self, model: &Model<'_>, candidate: &Candidate, rules: &Parameters) -> Option<(Grown, Normalised)> {
-        let stats = stage(&mut self.stats, Stage::Pose);
-        stats.seen += 1;
-        let Self { keygraphs, points, votes, pairs, .. } = self;
-        if !rules.grow {
-            let o = model.object(usize::from(candidate.object));
-            let map = Normalised::new(o.width as f32, o.height as f32, candidate.pose.centre, candidate.pose.size_px());
-            stats.kept += 1;
-            return Some((Grown { homography: map.to_px(&candidate.pose.turn()), agreeing: 0 }, map));
+    /// Casts the votes of the matches whose surroundings look alike.
+    fn cast_votes(&mut self, model: &Model<'_>, rules: &Parameters) {
+        let view = self.pyramid.view();
+        let mut stats = StageStats { seen: count(self.matches.len()), ..StageStats::default() };
+        for &(i, m) in &self.matches {
+            let to = vertices(&self.points, &self.keygraphs[usize::from(i)]).map(|(_, p)| p);
+            let weight = weigh(&view, model, &m, &to, rules);
+            let Some(v) = weight.and_then(|w| cast(model, m, i, to, w)) else { continue };
+            match self.votes.push(v) {
+                Ok(()) => stats.kept += 1,
+                Err(_) => stats.dropped += 1,
+            }
         }
+        add(stage(&mut self.stats, Stage::Verify), stats);
+    }
+
+    /// Gathers the vertex pairs near a candidate.
+    fn find_pairs(&mut self, model: &Model<'_>, candidate: &Candidate) -> Normalised {
+        let Self { keygraphs, points, votes, pairs, .. } = self;
         let corners = |i: u16| vertices(points, &keygraphs[usize::from(i)]);
         let (map, lost) = collect_pairs(model, candidate, votes, corners, pairs);
+        let stats = stage(&mut self.stats, Stage::Pose);
+        stats.seen += 1;
         stats.dropped += lost.dropped;
-        let grown = grow(candidate, &map, pairs)?;
-        stats.kept += 1;
-        Some((grown, map))
+        map
     }
 
-    /// Checks a grown pose by appearance and keeps it if it is likely enough and
-    /// the best at its place.
-    fn accept(
-        &mut self,
-        model: &Model<'_>,
-        c: &Candidate,
-        grown: &Grown,
-        map: &Normalised,
-        rules: &Parameters,
-        threshold: f32,
-    ) {
-        let view = self.pyramid.view();
-        let stats = stage(&mut self.stats, Stage::Accept);
-        stats.seen += 1;
-        let o = model.object(usize::from(c.object));
-        let (w, h) = (o.width as f32, o.height as f32);
-        let corners = grown.homography.outline(w, h);
-        if !is_plausible(&corners, 144.0, 4.0) {
-            return;
-        }
-        let mut d = Detection {
-            object: c.object,
-            homography: grown.homography,
-            corners,
-            score: 0.0,
-            votes: 0,
-            agreeing: grown.agreeing,
-            appearance: Appearance::default(),
+    /// Grows a candidate over its pairs; `None` when that leads nowhere, or to what
+    /// has been found.
+    fn grow(&mut self, model: &Model<'_>, candidate: &Candidate, map: &Normalised, shape: f32) -> Option<Detection> {
+        let homography = grow(candidate, map, &self.pairs, shape)?;
+        stage(&mut self.stats, Stage::Pose).kept += 1;
+        let d = Detection {
+            agreeing: count_agreeing(map, &self.pairs, &homography),
+            ..Detection::at(model, candidate.object, &homography)
         };
-        let twin = |d: &Detection, of: &Detection| d.object == of.object && overlap(&d.corners, &of.corners);
-        if self.detections.iter().any(|t| twin(t, &d) && t.agreeing >= d.agreeing) {
+        let known = self.detections.iter().any(|t| d.is_twin(t) && t.agreeing >= d.agreeing);
+        (is_plausible(&d.corners, MIN_AREA_PX, MAX_RATIO) && !known).then_some(d)
+    }
+
+    /// Aligns a grown pose with the frame.
+    fn align(&mut self, model: &Model<'_>, d: Detection) -> Detection {
+        stage(&mut self.stats, Stage::Accept).seen += 1;
+        let o = model.object(usize::from(d.object));
+        let (h, appearance) = refine(&self.pyramid.view(), &o.template, &d.homography, o.width as f32, o.height as f32);
+        Detection { appearance, ..Detection::at(model, d.object, &h) }
+    }
+
+    /// Counts what speaks for a detection, and scores it.
+    fn weigh_evidence(&self, model: &Model<'_>, map: &Normalised, mut d: Detection) -> Detection {
+        d.agreeing = count_agreeing(map, &self.pairs, &d.homography);
+        let agrees = Agreement::new(&d);
+        let supporters = self.votes.iter().filter(|v| {
+            let k = &self.keygraphs[usize::from(v.frame_keygraph)];
+            let to = vertices(&self.points, k).map(|(_, p)| p);
+            agrees.holds(model, v, to)
+        });
+        d.votes = u16::try_from(supporters.count()).unwrap_or(u16::MAX);
+        d.score = score(&d);
+        d
+    }
+
+    /// Keeps a detection if it is likely enough and the best at its place.
+    fn accept(&mut self, d: Detection, threshold: f32) {
+        let beaten = self.detections.iter().any(|t| d.is_twin(t) && t.score >= d.score);
+        if d.score < threshold || !is_plausible(&d.corners, MIN_AREA_PX, MAX_RATIO) || beaten {
             return;
         }
-        if rules.grow {
-            d.appearance = appearance(&view, &o.template, &d.homography, w, h);
-            let promising = d.appearance.median > 0.1 || d.agreeing >= 12;
-            let better = if promising { refine(&view, &o.template, &d.homography, w, h) } else { None };
-            if let Some(better) = better {
-                let a = appearance(&view, &o.template, &better, w, h);
-                if a.median + a.upper_third > d.appearance.median + d.appearance.upper_third {
-                    d.homography = better;
-                    d.corners = better.outline(w, h);
-                    d.appearance = a;
-                    d.agreeing = count_agreeing(map, &self.pairs, &better);
-                }
-            }
-            let agrees = Agreement::new(&d);
-            let supporters = self.votes.iter().filter(|v| {
-                let k = &self.keygraphs[usize::from(v.frame_keygraph)];
-                let to = vertices(&self.points, k).map(|(_, p)| p);
-                agrees.holds(model, v, to)
-            });
-            d.votes = u16::try_from(supporters.count()).unwrap_or(u16::MAX);
-            d.score = score(&d);
-        } else {
-            d.votes = u16::try_from(c.weight).unwrap_or(u16::MAX);
-            d.score = 1.0 - 1.0 / c.weight as f32;
-        }
-        // The pose may have moved, onto another detection or out of what can be.
-        let beaten = |t: &Detection| twin(t, &d) && t.score >= d.score;
-        if d.score < threshold || !is_plausible(&d.corners, 144.0, 4.0) || self.detections.iter().any(beaten) {
-            return;
-        }
-        self.detections.retain(|t| !twin(t, &d));
-        if self.detections.push(d).is_err() {
-            stats.dropped += 1;
-        }
+        self.detections.retain(|t| !d.is_twin(t));
+        let full = self.detections.push(d).is_err();
+        let stats = stage(&mut self.stats, Stage::Accept);
+        stats.dropped += u32::from(full);
         stats.kept = count(self.detections.len());
     }
+}
+
+impl Detection {
+    /// A pose without evidence.
+    fn at(model: &Model<'_>, object: u16, homography: &Homography) -> Self {
+        let o = model.object(usize::from(object));
+        Self {
+            object,
+            homography: *homography,
+            corners: homography.outline(o.width as f32, o.height as f32),
+            score: 0.0,
+            votes: 0,
+            agreeing: 0,
+            appearance: Appearance::default(),
+        }
+    }
+
+    /// Whether it stands for the same instance as `other`.
+    fn is_twin(&self, other: &Self) -> bool {
+        self.object == other.object && overlap(&self.corners, &other.corners)
+    }
+}
+
+/// A candidate as it is: the paper.
+fn similar(model: &Model<'_>, c: &Candidate) -> Detection {
+    let o = model.object(usize::from(c.object));
+    let map = Normalised::new(o.width as f32, o.height as f32, c.pose.centre, c.pose.size_px());
+    Detection {
+        votes: u16::try_from(c.weight).unwrap_or(u16::MAX),
+        score: 1.0 - 1.0 / c.weight as f32,
+        ..Detection::at(model, c.object, &map.to_px(&c.pose.turn()))
+    }
+}
+
+/// How much the vote of a match counts, 1 to 16; `None` when its surroundings do
+/// not look alike.
+fn weigh(view: &PyramidView<'_>, model: &Model<'_>, m: &Match, to: &[[f32; 2]; 3], rules: &Parameters) -> Option<u8> {
+    let Some(least) = rules.verify else { return Some(1) };
+    let (v, from) = model.keygraph(m.keygraph as usize);
+    let v = model.view(v);
+    let o = model.object(usize::from(v.object));
+    let to_template = o.template.from_picture(o.width as f32, o.height as f32).after(&v.to_picture);
+    let from = from.map(|p| to_template.apply_affine(p.px()));
+    let l = likeness(view, &o.template, &from, to, model.feature() == FeatureKind::Luma);
+    (l >= least).then(|| u8::try_from(math::round(1.0 + 15.0 * (l - least) / (2.0 - least))).unwrap_or(1))
 }
 
 /// The vertices of a keygraph: their indices and places in level 0, px.
@@ -573,14 +634,14 @@ fn vertices(points: &[Point], k: &Keygraph) -> [(u16, [f32; 2]); 3] {
 }
 
 /// Estimate of the probability that a pose is right: a logistic regression over
-/// 687 right and 2,412 wrong candidates of rendered and real frames.
+/// 812 right and 2,524 wrong candidates of rendered and real frames.
 fn score(d: &Detection) -> f32 {
     let a = &d.appearance;
     if a.blocks < 4 {
         return 0.0;
     }
     let log1p = |n: u16| math::ln(1.0 + f32::from(n));
-    let logit = 2.2 * log1p(d.agreeing) + 1.34 * log1p(d.votes) + 3.06 * a.median + 3.17 * a.upper_third - 11.36;
+    let logit = 1.1 * log1p(d.agreeing) + 3.07 * log1p(d.votes) + 6.21 * math::ln(1.0 + a.support) - 17.32;
     1.0 / (1.0 + math::exp(-logit))
 }
 
@@ -637,7 +698,7 @@ mod tests {
             score: 0.0,
             votes: 5,
             agreeing: 15,
-            appearance: Appearance { blocks: 36, median: 0.5, upper_third: 0.6, chroma: 0.0 },
+            appearance: Appearance { blocks: 36, median: 0.5, upper_third: 0.6, support: 10.0, chroma: 0.0 },
         };
         let more = |f: &dyn Fn(&mut Detection)| {
             let mut d = blank;
@@ -646,8 +707,7 @@ mod tests {
         };
         assert!(more(&|d| d.votes += 5) > score(&blank));
         assert!(more(&|d| d.agreeing += 5) > score(&blank));
-        assert!(more(&|d| d.appearance.median += 0.2) > score(&blank));
-        assert!(more(&|d| d.appearance.upper_third += 0.2) > score(&blank));
+        assert!(more(&|d| d.appearance.support += 2.0) > score(&blank));
         assert_eq!(more(&|d| d.appearance.blocks = 3), 0.0, "too little to see");
     }
 }

@@ -91,6 +91,13 @@ impl Homography {
         [(h[0] * x + h[1] * y + h[2]) / w, (h[3] * x + h[4] * y + h[5]) / w]
     }
 
+    /// Image of `p` under an affine map: the last row is not looked at.
+    #[must_use]
+    pub fn apply_affine(&self, [x, y]: [f32; 2]) -> [f32; 2] {
+        let h = &self.0;
+        [h[0] * x + h[1] * y + h[2], h[3] * x + h[4] * y + h[5]]
+    }
+
     /// First `other`, then `self`.
     #[must_use]
     pub fn after(&self, other: &Self) -> Self {

@@ -96,6 +96,7 @@ pub mod feature;
 pub mod model;
 pub mod write;
 pub mod classify;
+pub mod verify;
 pub mod vote;
 pub mod pose;
 pub mod align;

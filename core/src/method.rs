@@ -37,6 +37,8 @@ pub struct Parameters {
     pub normalise: Normalise,
     /// What counts as a match.
     pub matching: MatchRule,
+    /// Least likeness of a match's surroundings, 0 to 2; `None` leaves them out.
+    pub verify: Option<f32>,
     /// How matches are counted.
     pub voting: VoteRule,
     /// Most candidates that are looked at; below [`crate::capacity::CANDIDATES`].
@@ -54,8 +56,9 @@ const KEYGRAPH: Parameters = Parameters {
     prefixes: &[25, 50, 100, 200, 400],
     scalene: Scalene { min_angle_deg: 8.0, min_difference_deg: 4.0, min_side_px: 8.0 },
     normalise: Normalise::Own,
-    matching: MatchRule { tolerance: 6, tolerance_px: 60, size_window: 14, max_distance: 16 * 20, one_cell: false },
-    voting: VoteRule { soft: true, equal: false, min_weight: 8 },
+    matching: MatchRule { tolerance: 6, tolerance_px: 60, size_window: 14, max_distance: 16 * 28, one_cell: false },
+    verify: Some(1.0),
+    voting: VoteRule { soft: true, min_weight: 8 },
     candidates: 24,
     grow: true,
 };
@@ -70,7 +73,8 @@ const PAPER: Parameters = Parameters {
     scalene: Scalene { min_angle_deg: 5.0, min_difference_deg: 5.0, min_side_px: 10.0 },
     normalise: Normalise::Absolute,
     matching: MatchRule { tolerance: 0, tolerance_px: 0, size_window: u8::MAX, max_distance: 16 * 255, one_cell: true },
-    voting: VoteRule { soft: false, equal: true, min_weight: 3 },
+    verify: None,
+    voting: VoteRule { soft: false, min_weight: 3 },
     candidates: 1,
     grow: false,
 };

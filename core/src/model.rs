@@ -11,11 +11,12 @@ use crate::capacity::TEMPLATE_SIDE;
 use crate::feature::FeatureKind;
 use crate::geometry::{Homography, Point};
 use crate::keygraph::CELLS;
+use crate::pyramid::{Plane, level_of, plane_bytes};
 
 /// First bytes of every model.
 pub const MAGIC: [u8; 4] = *b"KGM\x1a";
 /// The version that this library writes and reads.
-pub const VERSION: u16 = 1;
+pub const VERSION: u16 = 2;
 /// Longest name of an object, bytes of UTF-8.
 pub const NAME_BYTES: usize = 32;
 
@@ -195,17 +196,53 @@ pub struct Object<'a> {
     pub template: Template<'a>,
 }
 
-/// A small picture of an object: luma, and chroma of half the size.
+/// A small picture of an object, as a pyramid: luma, and chroma of half the size.
 #[derive(Clone, Copy, Debug)]
 pub struct Template<'a> {
-    /// Width, px; at most [`TEMPLATE_SIDE`].
+    /// Width of level 0, px; at most [`TEMPLATE_SIDE`].
     pub width: usize,
-    /// Height, px; at most [`TEMPLATE_SIDE`].
+    /// Height of level 0, px; at most [`TEMPLATE_SIDE`].
     pub height: usize,
-    /// `width * height` bytes.
-    pub luma: &'a [u8],
-    /// Both chroma planes, `(width / 2) * (height / 2)` bytes each, as `i8`.
-    pub chroma: [&'a [u8]; 2],
+    luma: &'a [u8],
+    chroma: [&'a [u8]; 2],
+}
+
+impl<'a> Template<'a> {
+    /// A template of this size in `bytes`: all levels of luma, then of each chroma
+    /// plane. `None` when there are not [`template_bytes`] of them.
+    #[must_use]
+    pub fn new(bytes: &'a [u8], width: usize, height: usize) -> Option<Self> {
+        let (luma, chroma) = bytes.split_at_checked(plane_bytes(width, height))?;
+        let (a, b) = chroma.split_at(chroma.len() / 2);
+        (bytes.len() == template_bytes(width, height)).then_some(Self { width, height, luma, chroma: [a, b] })
+    }
+
+    /// Px of a picture of this size to px of level 0.
+    #[must_use]
+    #[allow(clippy::wrong_self_convention, reason = "a map, not a constructor")]
+    pub fn from_picture(&self, width: f32, height: f32) -> Homography {
+        let (sx, sy) = (self.width as f32 / width, self.height as f32 / height);
+        Homography::affine([sx, 0.0, (sx - 1.0) / 2.0, 0.0, sy, (sy - 1.0) / 2.0])
+    }
+
+    /// Luma of level `level`.
+    ///
+    /// # Panics
+    /// When there is no such level.
+    #[must_use]
+    pub fn luma(&self, level: usize) -> Plane<'a, u8> {
+        level_of(self.luma, self.width, self.height, level)
+    }
+
+    /// Both chroma planes of level `level`, half the size of its luma; the bytes
+    /// are those of `i8`.
+    ///
+    /// # Panics
+    /// When there is no such level.
+    #[must_use]
+    pub fn chroma(&self, level: usize) -> [Plane<'a, u8>; 2] {
+        self.chroma.map(|p| level_of(p, self.width / 2, self.height / 2, level))
+    }
 }
 
 /// One rendered view of an object that keypoints were taken from.
@@ -410,15 +447,16 @@ impl<'a> Model<'a> {
     pub fn object(&self, i: usize) -> Object<'a> {
         let r = self.object_record(i);
         let (start, width, height) = self.template_place(i);
-        let (n, c) = (width * height, (width / 2) * (height / 2));
-        let t = &self.bytes[self.layout.templates + start..][..n + 2 * c];
+        let t = &self.bytes[self.layout.templates + start..][..template_bytes(width, height)];
+        let (luma, chroma) = t.split_at(plane_bytes(width, height));
+        let (a, b) = chroma.split_at(chroma.len() / 2);
         Object {
             name: core::str::from_utf8(trim(&r[..NAME_BYTES])).unwrap_or_default(),
             width: u32_at(r, 32),
             height: u32_at(r, 36),
             triples: u32_at(r, 48),
             keypoints: u32_at(r, 52),
-            template: Template { width, height, luma: &t[..n], chroma: [&t[n..n + c], &t[n + c..]] },
+            template: Template { width, height, luma, chroma: [a, b] },
         }
     }
 
@@ -494,8 +532,9 @@ impl<'a> Model<'a> {
 }
 
 /// Bytes of a template of this size.
-pub(crate) const fn template_bytes(width: usize, height: usize) -> usize {
-    width * height + 2 * (width / 2) * (height / 2)
+#[must_use]
+pub const fn template_bytes(width: usize, height: usize) -> usize {
+    plane_bytes(width, height) + 2 * plane_bytes(width / 2, height / 2)
 }
 
 fn trim(name: &[u8]) -> &[u8] {

@@ -31,6 +31,8 @@ pub struct Pair {
     pub to: [f32; 2],
     /// Index of the frame corner.
     pub corner: u16,
+    /// How much it counts.
+    pub weight: u8,
 }
 
 /// Radius of agreement, in object sizes, of each step, and whether the step fits
@@ -46,15 +48,6 @@ pub const AGREEMENT: f32 = 0.025;
 
 /// Frame corners that can be told apart when they are counted.
 pub const MAX_CORNERS: usize = 4096;
-
-/// A grown pose.
-#[derive(Clone, Copy, Debug)]
-pub struct Grown {
-    /// Picture px to frame px.
-    pub homography: Homography,
-    /// Distinct frame corners that agree with it.
-    pub agreeing: u16,
-}
 
 /// The maps between px and normalised coordinates.
 #[derive(Clone, Copy, Debug)]
@@ -133,7 +126,7 @@ pub fn collect_pairs(
             let [x, y] = turned.apply(from);
             if (x - to[0]) * (x - to[0]) + (y - to[1]) * (y - to[1]) < 0.35 * 0.35 {
                 stats.seen += 1;
-                match out.push(Pair { from, to, corner }) {
+                match out.push(Pair { from, to, corner, weight: v.weight }) {
                     Ok(()) => stats.kept += 1,
                     Err(_) => stats.dropped += 1,
                 }
@@ -143,21 +136,26 @@ pub fn collect_pairs(
     (map, stats)
 }
 
-/// Fits a homography to `pairs`, starting at the candidate's similarity.
+/// How strongly the candidate's shape, seen from the front, holds against what few
+/// pairs say: hardly, for a tilted object; firmly, for few pairs close together.
+pub const SHAPES: [f32; 2] = [0.0, 0.1];
+
+/// Fits a homography to `pairs`, starting at the candidate's similarity, whose
+/// shape holds as `shape` says (one of [`SHAPES`]).
 /// `None` when too few pairs agree or the fit falls apart.
 #[must_use]
-pub fn grow(candidate: &Candidate, map: &Normalised, pairs: &[Pair]) -> Option<Grown> {
-    let mut h = candidate.pose.turn();
+pub fn grow(candidate: &Candidate, map: &Normalised, pairs: &[Pair], shape: f32) -> Option<Homography> {
+    let start = candidate.pose.turn();
+    let mut h = start;
     let noise = CORNER_NOISE_PX * map.frame[2];
     for (radius, projective) in STEPS {
         let mut fit = Fit::new(&h, radius.max(noise));
         for p in pairs {
-            fit.add(p.from, p.to, 1.0);
+            fit.add(p.from, p.to, f32::from(p.weight) / 8.0);
         }
-        h = fit.step(projective)?;
+        h = fit.step(projective, &start, shape)?;
     }
-    let homography = map.to_px(&h);
-    Some(Grown { homography, agreeing: count_agreeing(map, pairs, &homography) })
+    Some(map.to_px(&h))
 }
 
 /// Distinct frame corners among `pairs` that agree with `h` (picture px to frame
@@ -229,10 +227,11 @@ impl Fit {
         self.weight
     }
 
-    /// The homography after the step; affine when not `projective`. `None` when
+    /// The homography after the step; affine when not `projective`; its shape is
+    /// drawn to that of `prior` with the weight `pull`. `None` when
     /// the pairs do not determine it.
     #[must_use]
-    pub fn step(mut self, projective: bool) -> Option<Homography> {
+    pub fn step(mut self, projective: bool, prior: &Homography, pull: f32) -> Option<Homography> {
         if self.weight < 2.0 {
             return None;
         }
@@ -241,6 +240,11 @@ impl Fit {
         // leave open; a stronger one keeps perspective from fitting noise.
         for i in 0..n {
             self.normal[i][i] += if i < 6 { 2e-3 } else { 1e-2 } * self.weight.max(4.0) * 0.25;
+        }
+        // Few pairs do not make a shape: it tends to that of the prior.
+        for i in [0, 1, 3, 4] {
+            self.normal[i][i] += pull;
+            self.normal[i][8] += pull * (prior.0[i] - self.h.0[i]);
         }
         if projective {
             // The perspective terms themselves, not their change, tend to zero.
@@ -311,12 +315,12 @@ mod tests {
                 q[0] += f32::from(i) - 30.0; // a third is wrong
                 q[1] -= 17.0;
             }
-            pairs.push(Pair { from: map.picture_unit(p), to: map.frame_unit(q), corner: i });
+            pairs.push(Pair { from: map.picture_unit(p), to: map.frame_unit(q), corner: i, weight: 8 });
         }
         let pose = Similarity { centre, rotation: 4400, size: 0 };
-        let g = grow(&Candidate { object: 0, pose, weight: 9 }, &map, &pairs).unwrap();
-        assert!(g.agreeing >= 40, "{}", g.agreeing);
-        for (a, b) in g.homography.outline(w, h).iter().zip(truth.outline(w, h)) {
+        let g = grow(&Candidate { object: 0, pose, weight: 9 }, &map, &pairs, SHAPES[0]).unwrap();
+        assert!(count_agreeing(&map, &pairs, &g) >= 40);
+        for (a, b) in g.outline(w, h).iter().zip(truth.outline(w, h)) {
             assert!((a[0] - b[0]).abs() < 2.0 && (a[1] - b[1]).abs() < 2.0, "{a:?} for {b:?}");
         }
     }

@@ -85,15 +85,7 @@ impl<const LUMA: usize, const CHROMA: usize> Pyramid<LUMA, CHROMA> {
     /// Whether a frame of this size fits.
     #[must_use]
     pub const fn fits(width: usize, height: usize) -> bool {
-        let mut luma = 0;
-        let mut chroma = 0;
-        let mut l = 0;
-        while l < LEVELS {
-            luma += (width >> l) * (height >> l);
-            chroma += ((width / 2) >> l) * ((height / 2) >> l);
-            l += 1;
-        }
-        luma <= LUMA && chroma <= CHROMA
+        plane_bytes(width, height) <= LUMA && plane_bytes(width / 2, height / 2) <= CHROMA
     }
 
     /// Converts `frame` into level 0; [`Pyramid::reduce`] makes the others.
@@ -130,12 +122,7 @@ impl<const LUMA: usize, const CHROMA: usize> Pyramid<LUMA, CHROMA> {
 
     /// Makes the levels above level 0.
     pub fn reduce(&mut self) {
-        reduce_all(&mut self.luma, self.width, self.height, |p| {
-            let sum: u16 = p.iter().map(|&v| u16::from(v)).sum();
-            #[allow(clippy::cast_possible_truncation, reason = "a mean of bytes")]
-            let mean = ((sum + 2) / 4) as u8;
-            mean
-        });
+        reduce_all(&mut self.luma, self.width, self.height, luma_mean);
         for plane in &mut self.chroma {
             reduce_all(plane, self.width / 2, self.height / 2, chroma_mean);
         }
@@ -148,8 +135,16 @@ impl<const LUMA: usize, const CHROMA: usize> Pyramid<LUMA, CHROMA> {
     }
 }
 
+/// Mean of four pixels.
+pub(crate) fn luma_mean(p: [u8; 4]) -> u8 {
+    let sum: u16 = p.iter().map(|&v| u16::from(v)).sum();
+    #[allow(clippy::cast_possible_truncation, reason = "a mean of bytes")]
+    let mean = ((sum + 2) / 4) as u8;
+    mean
+}
+
 /// Mean of the pixels that have chroma; at least two must.
-fn chroma_mean(p: [i8; 4]) -> i8 {
+pub(crate) fn chroma_mean(p: [i8; 4]) -> i8 {
     let (mut sum, mut n) = (0i16, 0i16);
     for v in p {
         if v != NO_CHROMA {
@@ -165,7 +160,9 @@ fn chroma_mean(p: [i8; 4]) -> i8 {
     }
 }
 
-fn reduce_all<T: Copy>(data: &mut [T], mut w: usize, mut h: usize, mean: impl Fn([T; 4]) -> T) {
+/// Makes the levels above level 0, which lies at the start of `data` and has `w` x
+/// `h` px; the others follow it.
+pub(crate) fn reduce_all<T: Copy>(data: &mut [T], mut w: usize, mut h: usize, mean: impl Fn([T; 4]) -> T) {
     let mut rest = data;
     for _ in 1..LEVELS {
         let (source, target) = rest.split_at_mut(w * h);
@@ -210,7 +207,7 @@ impl<'a> PyramidView<'a> {
     /// When the view has no such level.
     #[must_use]
     pub fn luma(&self, level: usize) -> Plane<'a, u8> {
-        plane(self.luma, self.width, self.height, level)
+        level_of(self.luma, self.width, self.height, level)
     }
 
     /// Both chroma planes of level `level`, half the size of its luma.
@@ -219,11 +216,22 @@ impl<'a> PyramidView<'a> {
     /// When the view has no such level.
     #[must_use]
     pub fn chroma(&self, level: usize) -> [Plane<'a, i8>; 2] {
-        [self.a, self.b].map(|p| plane(p, self.width / 2, self.height / 2, level))
+        [self.a, self.b].map(|p| level_of(p, self.width / 2, self.height / 2, level))
     }
 }
 
-fn plane<T>(data: &[T], width: usize, height: usize, level: usize) -> Plane<'_, T> {
+/// Bytes of all levels of a plane of this size, a byte a pixel.
+pub(crate) const fn plane_bytes(width: usize, height: usize) -> usize {
+    let (mut bytes, mut l) = (0, 0);
+    while l < LEVELS {
+        bytes += (width >> l) * (height >> l);
+        l += 1;
+    }
+    bytes
+}
+
+/// Level `level` of a plane whose level 0 has `width` x `height` px.
+pub(crate) fn level_of<T>(data: &[T], width: usize, height: usize, level: usize) -> Plane<'_, T> {
     assert!(level < LEVELS, "a pyramid has {LEVELS} levels");
     let start = (0..level).map(|l| (width >> l) * (height >> l)).sum();
     let (width, height) = (width >> level, height >> level);

@@ -96,23 +96,16 @@ pub fn similarity(view: &View, object_size: f32, from: [[f32; 2]; 3], to: [[f32;
     })
 }
 
-/// Makes the vote of one match. `to` are the frame keygraph's vertices in level 0,
-/// px; `limit` is the largest possible distance of a match.
+/// Makes the vote of one match, which counts `weight`. `to` are the frame
+/// keygraph's vertices in level 0, px.
 #[must_use]
-pub fn cast(model: &Model<'_>, m: Match, frame_keygraph: u16, to: [[f32; 2]; 3], limit: u32) -> Option<Vote> {
+pub fn cast(model: &Model<'_>, m: Match, frame_keygraph: u16, to: [[f32; 2]; 3], weight: u8) -> Option<Vote> {
     let (view, from) = model.keygraph(m.keygraph as usize);
     let view = model.view(view);
     let object = model.object(usize::from(view.object));
     let object_size = math::sqrt(object.width as f32 * object.height as f32);
     let pose = similarity(&view, object_size, from.map(Point::px), to)?;
-    let weight = 1 + 15 * limit.saturating_sub(u32::from(m.distance)) / limit.max(1);
-    Some(Vote {
-        pose,
-        model_keygraph: m.keygraph,
-        frame_keygraph,
-        object: view.object,
-        weight: u8::try_from(weight).unwrap_or(16),
-    })
+    Some(Vote { pose, model_keygraph: m.keygraph, frame_keygraph, object: view.object, weight })
 }
 
 /// How votes are binned.
@@ -120,8 +113,6 @@ pub fn cast(model: &Model<'_>, m: Match, frame_keygraph: u16, to: [[f32; 2]; 3],
 pub struct VoteRule {
     /// Whether a vote near a bin border goes to both bins.
     pub soft: bool,
-    /// Whether every vote counts one, not by how near the match is.
-    pub equal: bool,
     /// Least weight of a candidate.
     pub min_weight: u32,
 }
@@ -207,10 +198,9 @@ pub fn vote(votes: &[Vote], rule: &VoteRule, bins: &mut [Bin], out: &mut VecView
                 for x in both(near(p.centre[0] / width, rule.soft)) {
                     for y in both(near(p.centre[1] / width, rule.soft)) {
                         stats.seen += 1;
-                        let weight = if rule.equal { 1 } else { u32::from(v.weight) };
                         match slot(bins, pack([s, r, x, y]), v.object) {
                             Some(b) if b.last != v.frame_keygraph + 1 => {
-                                b.weight += weight;
+                                b.weight += u32::from(v.weight);
                                 b.last = v.frame_keygraph + 1;
                                 stats.kept += 1;
                             }
@@ -316,7 +306,7 @@ mod tests {
     use super::*;
     use heapless::Vec;
 
-    const SOFT: VoteRule = VoteRule { soft: true, equal: true, min_weight: 3 };
+    const SOFT: VoteRule = VoteRule { soft: true, min_weight: 3 };
 
     fn pose(x: f32, y: f32, degrees: f32, px: f32) -> Similarity {
         Similarity {

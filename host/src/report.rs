@@ -33,6 +33,7 @@ pub fn frame_line(source: &str, frame: u64, size: (u32, u32), model: &Model<'_>,
                 "agreeing": d.agreeing,
                 "correlation": rounded(d.appearance.median, 4),
                 "upper": rounded(d.appearance.upper_third, 4),
+                "support": rounded(d.appearance.support, 2),
                 "blocks": d.appearance.blocks,
                 "chroma": rounded(d.appearance.chroma, 4),
             })

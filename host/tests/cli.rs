@@ -16,8 +16,19 @@ use image::{GrayImage, Rgb, RgbImage, Rgba, RgbaImage, imageops};
 use serde_json::Value;
 
 /// The stages of the contract, in the order of the pipeline.
-const STAGES: [&str; 10] =
-    ["convert", "pyramid", "corners", "delaunay", "keygraphs", "features", "classify", "vote", "pose", "accept"];
+const STAGES: [&str; 11] = [
+    "convert",
+    "pyramid",
+    "corners",
+    "delaunay",
+    "keygraphs",
+    "features",
+    "classify",
+    "verify",
+    "vote",
+    "pose",
+    "accept",
+];
 
 // ------------------------------------------------------------------- running
 
@@ -249,7 +260,7 @@ fn assert_line(line: &Value, source: &str, index: u64, sides: (u64, u64)) {
         }
     }
     let times = line["time_ms"].as_object().unwrap();
-    assert_eq!(times.len(), 11, "ten stages and the total: {times:?}");
+    assert_eq!(times.len(), STAGES.len() + 1, "all stages and the total: {times:?}");
     for name in STAGES.iter().chain(&["total"]) {
         assert!(times[*name].as_f64().unwrap() >= 0.0, "{name} in {times:?}");
     }

@@ -71,18 +71,18 @@ fn the_example_parses() {
     assert!(Model::parse(&bytes).is_ok(), "{:?}", Model::parse(&bytes).err());
     assert_eq!(
         Model::parse(&bytes[..bytes.len() - 1]).unwrap_err(),
-        ModelError::Truncated { expected: 3728, given: 3727 }
+        ModelError::Truncated { expected: 3759, given: 3758 }
     );
 }
 
 #[test]
 fn the_header_and_counts_are_the_page_s() {
     let bytes = example();
-    assert_eq!((&bytes[..4], VERSION), (&MAGIC[..], 1));
+    assert_eq!((&bytes[..4], VERSION), (&MAGIC[..], 2));
     let model = Model::parse(&bytes).unwrap();
     assert_eq!((model.method(), model.feature()), (Method::Keygraph, FeatureKind::Luma));
     assert_eq!((model.objects(), model.views(), model.keypoints(), model.keygraphs()), (1, 1, 3, 1));
-    assert_eq!(model.bytes().len(), 3728);
+    assert_eq!(model.bytes().len(), 3759);
 }
 
 #[test]
@@ -91,8 +91,11 @@ fn the_object_and_its_template_are_the_page_s() {
     let o = Model::parse(&bytes).unwrap().object(0);
     assert_eq!((o.name, o.width, o.height, o.triples, o.keypoints), ("box", 32, 32, 1, 3));
     assert_eq!((o.template.width, o.template.height), (8, 8));
-    assert_eq!(o.template.luma, [[0x10; 32], [0xf0; 32]].concat());
-    assert_eq!(o.template.chroma, [[0x80; 16]; 2]);
+    let row = |level: usize, y: usize| o.template.luma(level).row(y).to_vec();
+    assert_eq!([row(0, 0), row(0, 3), row(0, 4), row(0, 7)], [[0x10; 8], [0x10; 8], [0xf0; 8], [0xf0; 8]]);
+    assert_eq!([row(1, 1), row(1, 2)], [[0x10; 4], [0xf0; 4]]);
+    assert_eq!([row(2, 0), row(2, 1), row(3, 0)], [vec![0x10; 2], vec![0xf0; 2], vec![0x80]]);
+    assert!(o.template.chroma(0).iter().all(|c| (0..4).all(|y| c.row(y) == [0x80; 4])));
 }
 
 #[test]
@@ -143,7 +146,7 @@ fn the_tables_are_right() {
         assert_eq!(told, bytes.to_string(), "{row}");
     }
     assert_eq!(Sections::CELLS, CELLS + 1);
-    assert_eq!(Sections::of(&example()).end, 3728);
+    assert_eq!(Sections::of(&example()).end, 3759);
     // The records' fields follow each other and fill the record.
     for (heading, length) in [
         ("## Header", Sections::HEADER),

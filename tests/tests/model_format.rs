@@ -396,7 +396,8 @@ fn all_methods_and_features_are_read_back() {
 fn a_template_without_chroma_is_harmless() {
     let mut bytes = MODEL.clone();
     let template = Model::parse(&MODEL).unwrap().object(0).template;
-    let chroma = Sections::of(&MODEL).templates + template.luma.len();
+    let luma: usize = (0..4).map(|l| (template.width >> l) * (template.height >> l)).sum();
+    let chroma = Sections::of(&MODEL).templates + luma;
     bytes[chroma..].fill(NO_CHROMA.cast_unsigned());
     seal(&mut bytes);
     let (found, stats) = detect(&Model::parse(&bytes).unwrap());
