@@ -17,13 +17,16 @@ use crate::math;
 use crate::model::Template;
 use crate::pose::solve;
 use crate::pyramid::{Plane, PyramidView};
-use crate::verify::{Sums, bilinear, into_level};
+use crate::verify::{into_level, out_of_level};
 
 /// Blocks each way.
 pub const BLOCKS: usize = 6;
 
 /// Least spread of a block of the template, gray levels, for it to count.
 const LEAST_SPREAD: f32 = 5.0;
+
+/// Blocks that must agree after the coarse steps for the finer ones to be worth it.
+const HOPELESS: f32 = 0.8;
 
 /// How the frame correlates with the template, block by block.
 #[derive(Clone, Copy, Debug, Default)]
@@ -32,8 +35,6 @@ pub struct Appearance {
     pub blocks: u16,
     /// Their median correlation, -1 to 1.
     pub median: f32,
-    /// The correlation that a third of the blocks reach.
-    pub upper_third: f32,
     /// How many blocks agree: the sum of their [`agreement`]s.
     pub support: f32,
     /// Correlation of chroma over the whole object, -1 to 1; 0 when either has
@@ -66,6 +67,42 @@ pub fn is_plausible(outline: &[[f32; 2]; 4], min_area: f32, max_ratio: f32) -> b
     })
 }
 
+/// Running sums of a correlation.
+#[derive(Clone, Copy, Default)]
+struct Sums {
+    n: f32,
+    t: f32,
+    f: f32,
+    tt: f32,
+    ff: f32,
+    tf: f32,
+}
+
+impl Sums {
+    /// Adds a pixel of the template and one of the frame.
+    fn add(&mut self, t: f32, f: f32) {
+        self.n += 1.0;
+        self.t += t;
+        self.f += f;
+        self.tt += t * t;
+        self.ff += f * f;
+        self.tf += t * f;
+    }
+
+    /// Mean of the template and of the frame.
+    fn means(&self) -> (f32, f32) {
+        let n = self.n.max(1.0);
+        (self.t / n, self.f / n)
+    }
+
+    /// Variance of the template, variance of the frame, covariance.
+    fn moments(&self) -> (f32, f32, f32) {
+        let n = self.n.max(1.0);
+        let (t, f) = self.means();
+        (self.tt / n - t * t, self.ff / n - f * f, self.tf / n - t * f)
+    }
+}
+
 /// Template px to frame px, by a homography from picture px.
 #[must_use]
 pub fn from_template(h: &Homography, template: &Template<'_>, width: f32, height: f32) -> Homography {
@@ -82,6 +119,55 @@ fn level_for(h: &Homography, width: f32, height: f32) -> usize {
     usize::try_from(l).unwrap_or(0).min(LEVELS - 1)
 }
 
+/// Correlations of the blocks of a level of the template.
+struct Blocks {
+    values: [f32; BLOCKS * BLOCKS],
+    n: usize,
+}
+
+impl Blocks {
+    /// Correlates the frame under `h` (picture px to frame px) with level `level` of
+    /// the template of a picture of `width` x `height` px.
+    fn new(view: &PyramidView<'_>, template: &Template<'_>, level: usize, h: &Homography, [w, h_]: [f32; 2]) -> Self {
+        let luma = template.luma(level);
+        let (tw, th) = (luma.width(), luma.height());
+        let h = from_template(h, template, w, h_).after(&out_of_level(level));
+        let target = level_for(&h, tw as f32, th as f32);
+        let plane = view.luma(target);
+        let map = into_level(target).after(&h);
+        let mut sums = [Sums::default(); BLOCKS * BLOCKS];
+        for y in 0..th {
+            let first = y * BLOCKS / th * BLOCKS;
+            for (x, &t) in luma.row(y).iter().enumerate() {
+                if let Some(f) = bilinear(&plane, map.apply([x as f32, y as f32])) {
+                    sums[first + x * BLOCKS / tw].add(f32::from(t), f);
+                }
+            }
+        }
+        let full = (tw * th / (BLOCKS * BLOCKS)) as f32;
+        let mut blocks = Self { values: [0.0; BLOCKS * BLOCKS], n: 0 };
+        for s in &sums {
+            let (t, f, tf) = s.moments();
+            if s.n >= 0.6 * full && t >= LEAST_SPREAD * LEAST_SPREAD {
+                // A flat frame block correlates with nothing.
+                blocks.values[blocks.n] = tf / math::sqrt(t * f.max(4.0));
+                blocks.n += 1;
+            }
+        }
+        blocks
+    }
+
+    fn support(&self) -> f32 {
+        self.values[..self.n].iter().map(|&c| agreement(c)).sum()
+    }
+
+    fn median(&mut self) -> f32 {
+        let values = &mut self.values[..self.n];
+        values.sort_unstable_by(f32::total_cmp);
+        values.get(values.len() / 2).copied().unwrap_or(0.0)
+    }
+}
+
 /// Correlates the frame under `h` (picture px to frame px) with the template of a
 /// picture of `width` x `height` px.
 #[must_use]
@@ -92,42 +178,14 @@ pub fn appearance(
     width: f32,
     height: f32,
 ) -> Appearance {
-    let h = from_template(h, template, width, height);
-    let (tw, th) = (template.width, template.height);
-    let level = level_for(&h, tw as f32, th as f32);
-    let plane = view.luma(level);
-    let luma = template.luma(0);
-    let at_level = at_level(&h, level);
-    let mut sums = [Sums::default(); BLOCKS * BLOCKS];
-    for y in 0..th {
-        let row = y * BLOCKS / th * BLOCKS;
-        for x in 0..tw {
-            let p = at_level.apply([x as f32, y as f32]);
-            if let Some(f) = bilinear(&plane, p) {
-                sums[row + x * BLOCKS / tw].add(f32::from(luma.row(y)[x]), f);
-            }
-        }
-    }
-    let full = (tw * th / (BLOCKS * BLOCKS)) as f32;
-    let mut values = [0.0f32; BLOCKS * BLOCKS];
-    let mut n = 0;
-    for s in &sums {
-        let (t, f, tf) = s.moments();
-        if s.n >= 0.6 * full && t >= LEAST_SPREAD * LEAST_SPREAD {
-            // A flat frame block correlates with nothing.
-            values[n] = tf / math::sqrt(t * f.max(4.0));
-            n += 1;
-        }
-    }
-    let values = &mut values[..n];
-    values.sort_unstable_by(f32::total_cmp);
-    let at = |q: usize| values.get(n * q / 12).copied().unwrap_or(0.0);
+    let mut blocks = Blocks::new(view, template, 0, h, [width, height]);
+    let map = from_template(h, template, width, height);
+    let level = level_for(&map, template.width as f32, template.height as f32);
     Appearance {
-        blocks: u16::try_from(n).unwrap_or(0),
-        median: at(6),
-        upper_third: at(8),
-        support: values.iter().map(|&c| agreement(c)).sum(),
-        chroma: chroma_correlation(view, template, &h, level),
+        blocks: u16::try_from(blocks.n).unwrap_or(0),
+        support: blocks.support(),
+        median: blocks.median(),
+        chroma: chroma_correlation(view, template, &map, level),
     }
 }
 
@@ -137,27 +195,22 @@ const REFINEMENTS: [(usize, usize, usize); 3] = [(2, 4, 5), (1, 6, 4), (0, 6, 3)
 
 /// Aligns the frame with the template by their gradients, starting at `h` (picture
 /// px to frame px), from coarse to fine, and gives the homography that most blocks
-/// support, with how the frame looks there. It is never worse than `h`: a hidden
-/// half can pull a right pose away, and then the step is not taken.
+/// support. It is never worse than `h`: a hidden half can pull a right pose away,
+/// and then the step is not taken.
 ///
 /// Inverse compositional Gauss-Newton (S. Baker, I. Matthews, *Lucas-Kanade 20
 /// Years On*, IJCV 2004), with zero mean and unit spread in each block, and blocks
 /// weighted by how well they correlate.
 #[must_use]
-pub fn refine(
-    view: &PyramidView<'_>,
-    template: &Template<'_>,
-    h: &Homography,
-    width: f32,
-    height: f32,
-) -> (Homography, Appearance) {
+pub fn refine(view: &PyramidView<'_>, template: &Template<'_>, h: &Homography, width: f32, height: f32) -> Homography {
     let side = template.width.max(template.height) as f32;
     let middle = [template.width, template.height].map(|v| (v as f32 - 1.0) / 2.0);
     // Template px from coordinates near 1, with the origin in the middle.
     let unit = Homography::affine([side, 0.0, middle[0], 0.0, side, middle[1]]);
-    let mut best = (*h, appearance(view, template, h, width, height));
+    let support = |h: &Homography| Blocks::new(view, template, 1, h, [width, height]).support();
+    let mut best = (*h, support(h));
     let Some(back) = from_template(&Homography::IDENTITY, template, width, height).after(&unit).inverse() else {
-        return best;
+        return *h;
     };
     for (level, blocks, times) in REFINEMENTS {
         let coarse = Coarse::new(template, level, blocks, side, middle);
@@ -167,12 +220,15 @@ pub fn refine(
             g = next;
         }
         let g = g.after(&back).normalised();
-        let seen = appearance(view, template, &g, width, height);
-        if seen.support > best.1.support {
+        let seen = support(&g);
+        if seen > best.1 {
             best = (g, seen);
         }
+        if best.1 < HOPELESS {
+            break;
+        }
     }
-    best
+    best.0
 }
 
 /// A template seen at a fraction of its size.
@@ -278,6 +334,21 @@ fn at_level(h: &Homography, level: usize) -> Homography {
     into_level(level).after(h)
 }
 
+/// Bilinear sample; `None` outside the plane.
+fn bilinear(plane: &Plane<'_, u8>, [x, y]: [f32; 2]) -> Option<f32> {
+    let (w, h) = (plane.width() as f32, plane.height() as f32);
+    if !(x >= 0.0 && y >= 0.0 && x < w - 1.0 && y < h - 1.0) {
+        return None;
+    }
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "inside the plane")]
+    let (ix, iy) = (x as usize, y as usize);
+    let (fx, fy) = (x - ix as f32, y - iy as f32);
+    let (top, low) = (&plane.row(iy)[ix..ix + 2], &plane.row(iy + 1)[ix..ix + 2]);
+    let mix = |r: &[u8]| f32::from(r[0]) + fx * (f32::from(r[1]) - f32::from(r[0]));
+    let (a, b) = (mix(top), mix(low));
+    Some(a + fy * (b - a))
+}
+
 fn chroma_correlation(view: &PyramidView<'_>, template: &Template<'_>, h: &Homography, level: usize) -> f32 {
     let (cw, ch) = (template.width / 2, template.height / 2);
     let planes = view.chroma(level.min(LEVELS - 1));
@@ -364,7 +435,7 @@ mod tests {
             let (p, data, h) = setup(hide);
             let rough = Homography([1.46, 0.27, 18.0, -0.25, 1.36, 31.5, 2e-4, -1e-4, 1.0]);
             let side = SIDE as f32;
-            let better = refine(&p.view(), &template(&data), &rough, side, side).0;
+            let better = refine(&p.view(), &template(&data), &rough, side, side);
             for (a, b) in better.outline(side, side).iter().zip(h.outline(side, side)) {
                 let (dx, dy) = (a[0] - b[0], a[1] - b[1]);
                 // The hidden side is a guess.

@@ -12,7 +12,7 @@ use core::mem::size_of;
 
 use heapless::{Vec, VecView};
 
-use crate::align::{Appearance, is_plausible, refine};
+use crate::align::{Appearance, appearance, is_plausible, refine};
 use crate::capacity::{CANDIDATES, DETECTIONS, FEATURE_BYTES, LEVELS, Stage, StageStats, chroma_bytes, luma_bytes};
 use crate::classify::{Match, NEIGHBOURS, classify};
 use crate::corners::{Corner, SCRATCH_ROWS, detect_corners, rank_by_radius, rank_by_strength};
@@ -551,8 +551,12 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
     fn align(&mut self, model: &Model<'_>, d: Detection) -> Detection {
         stage(&mut self.stats, Stage::Accept).seen += 1;
         let o = model.object(usize::from(d.object));
-        let (h, appearance) = refine(&self.pyramid.view(), &o.template, &d.homography, o.width as f32, o.height as f32);
-        Detection { appearance, ..Detection::at(model, d.object, &h) }
+        let (view, w, h) = (self.pyramid.view(), o.width as f32, o.height as f32);
+        let aligned = refine(&view, &o.template, &d.homography, w, h);
+        Detection {
+            appearance: appearance(&view, &o.template, &aligned, w, h),
+            ..Detection::at(model, d.object, &aligned)
+        }
     }
 
     /// Counts what speaks for a detection, and scores it.
@@ -634,14 +638,14 @@ fn vertices(points: &[Point], k: &Keygraph) -> [(u16, [f32; 2]); 3] {
 }
 
 /// Estimate of the probability that a pose is right: a logistic regression over
-/// 812 right and 2,524 wrong candidates of rendered and real frames.
+/// 812 right and 2,288 wrong candidates of rendered and real frames.
 fn score(d: &Detection) -> f32 {
     let a = &d.appearance;
     if a.blocks < 4 {
         return 0.0;
     }
     let log1p = |n: u16| math::ln(1.0 + f32::from(n));
-    let logit = 1.1 * log1p(d.agreeing) + 3.07 * log1p(d.votes) + 6.21 * math::ln(1.0 + a.support) - 17.32;
+    let logit = 1.04 * log1p(d.agreeing) + 3.5 * log1p(d.votes) + 6.63 * math::ln(1.0 + a.support) - 17.87;
     1.0 / (1.0 + math::exp(-logit))
 }
 
@@ -698,7 +702,7 @@ mod tests {
             score: 0.0,
             votes: 5,
             agreeing: 15,
-            appearance: Appearance { blocks: 36, median: 0.5, upper_third: 0.6, support: 10.0, chroma: 0.0 },
+            appearance: Appearance { blocks: 36, median: 0.5, support: 10.0, chroma: 0.0 },
         };
         let more = |f: &dyn Fn(&mut Detection)| {
             let mut d = blank;
