@@ -33,6 +33,8 @@ const HOPELESS: f32 = 0.8;
 pub struct Appearance {
     /// Blocks that count.
     pub blocks: u16,
+    /// Blocks that lie in the frame, textured or not, of 36.
+    pub inside: u16,
     /// Their median correlation, -1 to 1.
     pub median: f32,
     /// How many blocks agree: the sum of their [`agreement`]s.
@@ -123,6 +125,7 @@ fn level_for(h: &Homography, width: f32, height: f32) -> usize {
 struct Blocks {
     values: [f32; BLOCKS * BLOCKS],
     n: usize,
+    inside: u16,
 }
 
 impl Blocks {
@@ -145,10 +148,14 @@ impl Blocks {
             }
         }
         let full = (tw * th / (BLOCKS * BLOCKS)) as f32;
-        let mut blocks = Self { values: [0.0; BLOCKS * BLOCKS], n: 0 };
+        let mut blocks = Self { values: [0.0; BLOCKS * BLOCKS], n: 0, inside: 0 };
         for s in &sums {
             let (t, f, tf) = s.moments();
-            if s.n >= 0.6 * full && t >= LEAST_SPREAD * LEAST_SPREAD {
+            if s.n < 0.6 * full {
+                continue;
+            }
+            blocks.inside += 1;
+            if t >= LEAST_SPREAD * LEAST_SPREAD {
                 // A flat frame block correlates with nothing.
                 blocks.values[blocks.n] = tf / math::sqrt(t * f.max(4.0));
                 blocks.n += 1;
@@ -183,6 +190,7 @@ pub fn appearance(
     let level = level_for(&map, template.width as f32, template.height as f32);
     Appearance {
         blocks: u16::try_from(blocks.n).unwrap_or(0),
+        inside: blocks.inside,
         support: blocks.support(),
         median: blocks.median(),
         chroma: chroma_correlation(view, template, &map, level),

@@ -638,14 +638,19 @@ fn vertices(points: &[Point], k: &Keygraph) -> [(u16, [f32; 2]); 3] {
 }
 
 /// Estimate of the probability that a pose is right: a logistic regression over
-/// 812 right and 2,288 wrong candidates of rendered and real frames.
+/// 2,436 right and 2,311 wrong candidates of rendered and real frames.
 fn score(d: &Detection) -> f32 {
     let a = &d.appearance;
     if a.blocks < 4 {
         return 0.0;
     }
     let log1p = |n: u16| math::ln(1.0 + f32::from(n));
-    let logit = 1.04 * log1p(d.agreeing) + 3.5 * log1p(d.votes) + 6.63 * math::ln(1.0 + a.support) - 17.87;
+    // The blocks' logarithm is that of their share, 37 being all and one.
+    let logit = 1.44 * log1p(d.agreeing)
+        + 3.43 * log1p(d.votes)
+        + 6.44 * math::ln(1.0 + a.support)
+        + 6.43 * (log1p(a.inside) - math::ln(37.0))
+        - 18.06;
     1.0 / (1.0 + math::exp(-logit))
 }
 
@@ -702,7 +707,7 @@ mod tests {
             score: 0.0,
             votes: 5,
             agreeing: 15,
-            appearance: Appearance { blocks: 36, median: 0.5, support: 10.0, chroma: 0.0 },
+            appearance: Appearance { blocks: 36, inside: 30, median: 0.5, support: 10.0, chroma: 0.0 },
         };
         let more = |f: &dyn Fn(&mut Detection)| {
             let mut d = blank;
@@ -712,6 +717,7 @@ mod tests {
         assert!(more(&|d| d.votes += 5) > score(&blank));
         assert!(more(&|d| d.agreeing += 5) > score(&blank));
         assert!(more(&|d| d.appearance.support += 2.0) > score(&blank));
+        assert!(more(&|d| d.appearance.inside += 6) > score(&blank));
         assert_eq!(more(&|d| d.appearance.blocks = 3), 0.0, "too little to see");
     }
 }
