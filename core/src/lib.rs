@@ -103,3 +103,4 @@ pub mod align;
 pub mod method;
 pub mod train;
 pub mod detect;
+pub mod camera;
