@@ -293,6 +293,15 @@ pub fn draw_corners(canvas: &mut Canvas, corners: &[[f32; 2]], colour: Colour) {
     }
 }
 
+/// Draws the axes of a pose from `origin`: x red, y green, z blue.
+pub fn draw_axes(canvas: &mut Canvas, [origin, x, y, z]: [[f32; 2]; 4]) {
+    let width_px = canvas.line_px();
+    for (end, colour) in [(z, PALETTE[2]), (y, PALETTE[0]), (x, PALETTE[1])] {
+        stroke(canvas, [origin, end], DARK, 2 * width_px);
+        stroke(canvas, [origin, end], colour, width_px);
+    }
+}
+
 /// Draws the sides of triangles with thin lines.
 pub fn draw_triangles(canvas: &mut Canvas, triangles: &[[[f32; 2]; 3]], colour: Colour) {
     let width_px = (canvas.longer_side() / 1200).max(1);
@@ -507,6 +516,15 @@ mod tests {
     }
 
     #[test]
+    fn axes_are_red_green_and_blue() {
+        let mut canvas = canvas(64, 48, 128);
+        draw_axes(&mut canvas, [[20.0, 20.0], [50.0, 20.0], [20.0, 40.0], [10.0, 10.0]]);
+        for ([x, y], colour) in [([40, 20], PALETTE[1]), ([20, 30], PALETTE[0]), ([13, 13], PALETTE[2])] {
+            assert_eq!(pixel(&canvas, x, y), colour, "at {x}, {y}");
+        }
+    }
+
+    #[test]
     fn a_line_that_leaves_the_picture_is_the_same_inside() {
         // On a wide canvas, against on the small one, up to long thick lines.
         for width_px in [1, 2, 13, 40] {
@@ -555,6 +573,7 @@ mod tests {
                 draw_label(&mut canvas, &outline(corners));
                 draw_corners(&mut canvas, &corners, WHITE);
                 draw_triangles(&mut canvas, &[[[x, y], [y, x], [3.0, x]]], WHITE);
+                draw_axes(&mut canvas, corners);
             }
         }
     }

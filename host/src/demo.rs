@@ -74,8 +74,13 @@ pub fn demo(assets: &Path, out: &Path) -> Result<[Tally; 2]> {
     let mut source = Source::open(std::slice::from_ref(&sequence))?;
     let progress = Progress::new(source.len_hint(), "frames");
     let mut gallery = Gallery::new(&frames, std::slice::from_ref(&sequence))?;
-    let options =
-        Options { profile: Profile::Vga, threshold: DEFAULT_THRESHOLD, threads: default_threads(), annotate: true };
+    let options = Options {
+        profile: Profile::Vga,
+        threshold: DEFAULT_THRESHOLD,
+        threads: default_threads(),
+        annotate: true,
+        calibration: None,
+    };
     let mut tallies = [Tally::default(); 2];
     let mut times = Vec::new();
     let mut index = 0;

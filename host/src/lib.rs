@@ -6,6 +6,7 @@
 //! - [`input`]: pictures, folders, videos and streams as one sequence of frames
 //! - [`annotate`], [`video`], [`progress`]: what is drawn, written and shown
 //! - [`search`]: one frame into a detector of the right size
+//! - [`pose`]: where detections are in space
 //! - [`learn`]: one picture into a model; models into one
 //! - [`report`]: results as JSON
 //! - [`run`], [`gallery`]: many frames at once, and where their pictures go
@@ -16,6 +17,7 @@ pub mod annotate;
 pub mod video;
 pub mod progress;
 pub mod search;
+pub mod pose;
 pub mod learn;
 pub mod report;
 pub mod run;

@@ -9,14 +9,17 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
-use clap::{Parser, Subcommand};
+use clap::error::ErrorKind;
+use clap::{CommandFactory, Parser, Subcommand};
 use keygraph::gallery::Gallery;
 use keygraph::input::{Picture, Source, read_picture_noting_transparency};
 use keygraph::learn::{Preset, has_colour, merge, train};
+use keygraph::pose::{Calibration, Width, parse_intrinsics};
 use keygraph::progress::Progress;
-use keygraph::run::{Options, default_threads, run};
-use keygraph::search::{Found, MAX_THREADS, Profile, search};
+use keygraph::run::{Options, Searched, default_threads, run};
+use keygraph::search::{MAX_THREADS, Profile, search};
 use keygraph::{demo, report};
+use keygraph_core::camera::{Intrinsics, PlanePose};
 use keygraph_core::detect::DEFAULT_THRESHOLD;
 use keygraph_core::feature::FeatureKind;
 use keygraph_core::model::{Method, Model, NAME_BYTES};
@@ -95,6 +98,13 @@ enum Command {
         /// Frames searched at once [default: one a processor, at most 8]
         #[arg(long, value_parser = clap::value_parser!(u8).range(1..=MAX_THREADS as i64))]
         threads: Option<u8>,
+        /// The camera's focal lengths and principal point, px of the input: reports the
+        /// pose of each object
+        #[arg(long, value_name = "FX,FY,CX,CY", requires = "width_mm", value_parser = parse_intrinsics, allow_hyphen_values = true)]
+        intrinsics: Option<Intrinsics>,
+        /// True width of every object, mm, or of the one named; may be repeated
+        #[arg(long, value_name = "[NAME=]W", requires = "intrinsics", allow_hyphen_values = true)]
+        width_mm: Vec<Width>,
     },
     /// Train on the repository's pictures and find them in its sequence
     Demo {
@@ -135,14 +145,16 @@ fn dispatch(command: Command) -> Result<ExitCode> {
         }
         Command::Pack { models, output } => pack_all(&models, &output)?,
         Command::Inspect { model, json } => inspect(&model, json)?,
-        Command::Detect { models, inputs, json, annotate, profile, threshold, threads } => {
+        Command::Detect { models, inputs, json, annotate, profile, threshold, threads, intrinsics, width_mm } => {
             let options = Options {
                 profile,
                 threshold,
                 threads: threads.map_or_else(default_threads, usize::from),
                 annotate: annotate.is_some(),
+                calibration: None,
             };
-            return detect(&models, &inputs, json, annotate.as_deref(), &options);
+            let calibration = intrinsics.map(|i| (i, width_mm));
+            return detect(&models, &inputs, json, annotate.as_deref(), &options, calibration);
         }
         Command::Demo { assets, out } => {
             demo::demo(&assets, &out)?;
@@ -280,10 +292,16 @@ fn detect(
     inputs: &[PathBuf],
     json: bool,
     annotate: Option<&Path>,
-    options: &Options,
+    options: &Options<'_>,
+    camera: Option<(Intrinsics, Vec<Width>)>,
 ) -> Result<ExitCode> {
     let bytes = load(models)?;
     let model = Model::parse(&bytes)?;
+    let calibration = camera.map(|(intrinsics, widths)| {
+        Calibration::new(intrinsics, &widths, &model)
+            .unwrap_or_else(|e| Cli::command().error(ErrorKind::ValueValidation, e).exit())
+    });
+    let options = &Options { calibration: calibration.as_ref(), ..*options };
     let mut source = Source::open(inputs)?;
     let mut gallery = annotate.map(|path| Gallery::new(path, inputs)).transpose()?;
     let progress = Progress::new(source.len_hint(), "frames");
@@ -301,9 +319,10 @@ fn detect(
             }
             Ok(s) => {
                 let line = if json {
-                    report::frame_line(&outcome.source, outcome.frame, s.size, &model, &s.found).to_string()
+                    report::frame_line(&outcome.source, outcome.frame, s.size, &model, &s.found, s.poses.as_deref())
+                        .to_string()
                 } else {
-                    in_words(&outcome.source, outcome.frame, &model, &s.found)
+                    in_words(&outcome.source, outcome.frame, &model, &s)
                 };
                 progress.aside(|| print(&line))?;
                 if let (Some(g), Some(c)) = (&mut gallery, &s.canvas) {
@@ -318,25 +337,31 @@ fn detect(
     Ok(if failed { ExitCode::FAILURE } else { ExitCode::SUCCESS })
 }
 
-fn in_words(source: &str, frame: u64, model: &Model<'_>, found: &Found) -> String {
+fn in_words(source: &str, frame: u64, model: &Model<'_>, searched: &Searched) -> String {
+    let found = &searched.found;
     let what = if found.detections.is_empty() {
         "nothing found".to_string()
     } else {
-        let one = |d: &keygraph_core::detect::Detection| {
+        let one = |(i, d): (usize, &keygraph_core::detect::Detection)| {
             let [x, y] = [0, 1].map(|i| d.corners.iter().map(|c| c[i]).sum::<f32>() / 4.0);
             let side = |a: [f32; 2], b: [f32; 2]| (b[0] - a[0]).hypot(b[1] - a[1]);
             let [a, b, c, _] = d.corners;
             // Plus nothing: -0 is written as 0.
             let angle = (b[1] - a[1]).atan2(b[0] - a[0]).to_degrees().round() + 0.0;
+            let distance = |p: &PlanePose| {
+                let mm = p.best.translation_mm.iter().map(|v| v * v).sum::<f32>().sqrt();
+                format!(", {mm:.0} mm away")
+            };
+            let pose = searched.poses.as_ref().and_then(|p| p[i].as_ref()).map_or_else(String::new, distance);
             format!(
-                "{} at ({x:.0}, {y:.0}), {:.0}x{:.0} px, turned by {angle:.0} degrees, score {:.2}",
+                "{} at ({x:.0}, {y:.0}), {:.0}x{:.0} px, turned by {angle:.0} degrees, score {:.2}{pose}",
                 model.object(usize::from(d.object)).name,
                 side(a, b),
                 side(b, c),
                 d.score
             )
         };
-        found.detections.iter().map(one).collect::<Vec<_>>().join("; ")
+        found.detections.iter().enumerate().map(one).collect::<Vec<_>>().join("; ")
     };
     format!("{source} [{frame}]: {what} ({:.1} ms)", found.total_ns as f64 / 1e6)
 }

@@ -1,5 +1,6 @@
 //! Results as JSON: the lines and objects that other programs read.
 
+use keygraph_core::camera::{PlanePose, Pose};
 use keygraph_core::capacity::Stage;
 use keygraph_core::model::{Method, Model};
 use serde_json::{Map, Value, json};
@@ -16,14 +17,39 @@ fn milliseconds(ns: u64) -> Value {
     json!((ns as f64 / 1e3).round() / 1e3)
 }
 
-/// The line of one frame.
+fn pose_object(pose: &Pose) -> Value {
+    json!({
+        "rotation": pose.rotation.map(|v| rounded(v, 6)),
+        "translation_mm": pose.translation_mm.map(|v| rounded(v, 3)),
+        "error_px": rounded(pose.error_px, 4),
+    })
+}
+
+/// The better pose, and what there is to say about the other; null when there is none.
+fn plane_pose_object(poses: Option<&PlanePose>) -> Value {
+    let Some(poses) = poses else { return Value::Null };
+    let mut object = pose_object(&poses.best);
+    object["ambiguous"] = json!(poses.is_ambiguous());
+    object["mirrored"] = pose_object(&poses.mirrored);
+    object
+}
+
+/// The line of one frame; `poses` has one entry a detection.
 #[must_use]
-pub fn frame_line(source: &str, frame: u64, size: (u32, u32), model: &Model<'_>, found: &Found) -> Value {
+pub fn frame_line(
+    source: &str,
+    frame: u64,
+    size: (u32, u32),
+    model: &Model<'_>,
+    found: &Found,
+    poses: Option<&[Option<PlanePose>]>,
+) -> Value {
     let detections: Vec<Value> = found
         .detections
         .iter()
-        .map(|d| {
-            json!({
+        .enumerate()
+        .map(|(i, d)| {
+            let mut entry = json!({
                 "object": model.object(usize::from(d.object)).name,
                 "state": "found",
                 "score": rounded(d.score, 4),
@@ -35,7 +61,11 @@ pub fn frame_line(source: &str, frame: u64, size: (u32, u32), model: &Model<'_>,
                 "support": rounded(d.appearance.support, 2),
                 "blocks": d.appearance.blocks,
                 "chroma": rounded(d.appearance.chroma, 4),
-            })
+            });
+            if let Some(poses) = poses {
+                entry["pose"] = plane_pose_object(poses[i].as_ref());
+            }
+            entry
         })
         .collect();
     let mut stages = Map::new();

@@ -11,15 +11,17 @@ use std::sync::mpsc::channel;
 use std::thread;
 
 use anyhow::{Context, Result, anyhow};
+use keygraph_core::camera::PlanePose;
 use keygraph_core::model::Model;
 
-use crate::annotate::{Canvas, Outline, colour, draw_corners, draw_label, draw_outline, draw_triangles};
+use crate::annotate::{Canvas, Outline, colour, draw_axes, draw_corners, draw_label, draw_outline, draw_triangles};
 use crate::input::{Kind, Picture, Source, SourceFrame};
+use crate::pose::Calibration;
 use crate::search::{Found, MAX_THREADS, Profile, search};
 
 /// How frames are searched.
 #[derive(Clone, Copy, Debug)]
-pub struct Options {
+pub struct Options<'a> {
     /// Size of the detector.
     pub profile: Profile,
     /// Least score of a detection.
@@ -28,6 +30,8 @@ pub struct Options {
     pub threads: usize,
     /// Whether to draw what was found.
     pub annotate: bool,
+    /// Camera and widths, where poses are wanted.
+    pub calibration: Option<&'a Calibration>,
 }
 
 /// What became of one frame.
@@ -50,6 +54,8 @@ pub struct Searched {
     pub size: (u32, u32),
     /// What was found.
     pub found: Found,
+    /// The pose of each detection, if asked for and if it has one.
+    pub poses: Option<Vec<Option<PlanePose>>>,
     /// The frame with what was found drawn onto it, if asked for.
     pub canvas: Option<Canvas>,
 }
@@ -68,7 +74,7 @@ pub fn default_threads() -> usize {
 pub fn run(
     source: &mut Source,
     model: &Model<'_>,
-    options: &Options,
+    options: &Options<'_>,
     mut each: impl FnMut(Outcome) -> Result<()>,
 ) -> Result<()> {
     let threads = options.threads.clamp(1, MAX_THREADS);
@@ -122,7 +128,7 @@ pub fn run(
 }
 
 /// [`search_one`], with a panic turned into an error of this frame alone.
-fn search_safely(frame: SourceFrame, model: &Model<'_>, options: &Options, slot: usize) -> Outcome {
+fn search_safely(frame: SourceFrame, model: &Model<'_>, options: &Options<'_>, slot: usize) -> Outcome {
     let (source, index, kind) = (frame.source.clone(), frame.frame, frame.kind);
     catch_unwind(AssertUnwindSafe(|| search_one(frame, model, options, slot))).unwrap_or_else(|_| {
         let result = Err(anyhow!("{source}, frame {index}: the search failed; please report this frame"));
@@ -130,13 +136,24 @@ fn search_safely(frame: SourceFrame, model: &Model<'_>, options: &Options, slot:
     })
 }
 
-fn search_one(frame: SourceFrame, model: &Model<'_>, options: &Options, slot: usize) -> Outcome {
+fn search_one(frame: SourceFrame, model: &Model<'_>, options: &Options<'_>, slot: usize) -> Outcome {
     let SourceFrame { source, frame, kind, picture } = frame;
     let result = picture.and_then(|p| {
         let found = search(&p, model, options.profile, options.threshold, options.annotate, slot)
             .with_context(|| source.clone())?;
-        let canvas = options.annotate.then(|| draw(&p, model, &found));
-        Ok(Searched { size: (p.width, p.height), found, canvas })
+        let poses = options.calibration.map(|c| found.detections.iter().map(|d| c.pose(model, d)).collect::<Vec<_>>());
+        let canvas = options.annotate.then(|| {
+            let mut canvas = draw(&p, model, &found);
+            if let (Some(calibration), Some(poses)) = (options.calibration, &poses) {
+                for (d, pose) in found.detections.iter().zip(poses) {
+                    if let Some(pose) = pose {
+                        draw_axes(&mut canvas, calibration.axes(d, pose));
+                    }
+                }
+            }
+            canvas
+        });
+        Ok(Searched { size: (p.width, p.height), found, poses, canvas })
     });
     Outcome { source, frame, kind, result }
 }

@@ -1,0 +1,126 @@
+//! Where detections are in space, for cameras whose intrinsics are known.
+//!
+//! In: `--intrinsics` and `--width-mm` as they are given, a model, detections in px
+//! of the input. Out: a [`PlanePose`] for each. Cost: some microseconds each.
+
+use std::str::FromStr;
+
+use anyhow::{Result, bail};
+use keygraph_core::camera::{CameraError, Intrinsics, PlanePose, plane_pose};
+use keygraph_core::detect::Detection;
+use keygraph_core::model::Model;
+
+/// The intrinsics in `fx,fy,cx,cy`, px of the input.
+///
+/// # Errors
+/// When they are not four numbers, or not those of a camera.
+pub fn parse_intrinsics(text: &str) -> Result<Intrinsics, String> {
+    let numbers: Result<Vec<f32>, _> = text.split(',').map(|n| n.trim().parse()).collect();
+    let Ok(&[fx, fy, cx, cy]) = numbers.as_deref() else {
+        return Err("give four numbers in px of the input: fx,fy,cx,cy".into());
+    };
+    Intrinsics::new(fx, fy, cx, cy).map_err(|e: CameraError| e.to_string())
+}
+
+/// A true width: `W` of every object, or `NAME=W` of one.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Width {
+    name: Option<String>,
+    mm: f32,
+}
+
+impl FromStr for Width {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let (name, mm) = text.rsplit_once('=').map_or((None, text), |(name, mm)| (Some(name.to_string()), mm));
+        match mm.trim().parse::<f32>() {
+            Ok(mm) if mm > 0.0 && mm.is_finite() => Ok(Self { name, mm }),
+            _ => Err("a width is a number of millimetres above 0, or NAME=WIDTH for one object".into()),
+        }
+    }
+}
+
+/// A camera's intrinsics, and the true width of each object of a model.
+#[derive(Clone, Debug)]
+pub struct Calibration {
+    intrinsics: Intrinsics,
+    /// By object, mm.
+    widths_mm: Vec<f32>,
+}
+
+impl Calibration {
+    /// Gives each object of `model` the width that bears its name, or else the one
+    /// that bears none.
+    ///
+    /// # Errors
+    /// When an object has no width or two, or a width is of no object.
+    pub fn new(intrinsics: Intrinsics, widths: &[Width], model: &Model<'_>) -> Result<Self> {
+        let names: Vec<&str> = (0..model.objects()).map(|i| model.object(i).name).collect();
+        for name in widths.iter().filter_map(|w| w.name.as_deref()) {
+            if !names.contains(&name) {
+                bail!("--width-mm {name}=...: there is no such object, only {}", names.join(", "));
+            }
+        }
+        let of = |name: Option<&str>| {
+            let mut all = widths.iter().filter(|w| w.name.as_deref() == name).map(|w| w.mm);
+            match (all.next(), all.next()) {
+                (_, Some(_)) => bail!(
+                    "--width-mm is given twice for {}: give NAME=WIDTH for each object",
+                    name.unwrap_or("all objects")
+                ),
+                (width, None) => Ok(width),
+            }
+        };
+        let shared = of(None)?;
+        let width = |name: &&str| match of(Some(name))?.or(shared) {
+            Some(mm) => Ok(mm),
+            None => bail!("the width of {name} is missing: add --width-mm {name}=WIDTH"),
+        };
+        Ok(Self { intrinsics, widths_mm: names.iter().map(width).collect::<Result<_>>()? })
+    }
+
+    /// The poses of a detection, whose homography is in px of the input; `None` when
+    /// no pose has it.
+    #[must_use]
+    pub fn pose(&self, model: &Model<'_>, detection: &Detection) -> Option<PlanePose> {
+        let index = usize::from(detection.object);
+        let object = model.object(index);
+        let size_px = [object.width as f32, object.height as f32];
+        plane_pose(&detection.homography, &self.intrinsics, size_px, self.widths_mm[index]).ok()
+    }
+
+    /// Where the input shows the object's axes: its middle, then the ends of x (right),
+    /// y (down) and z (into the picture), each half the object's width long, px.
+    #[must_use]
+    pub fn axes(&self, detection: &Detection, pose: &PlanePose) -> [[f32; 2]; 4] {
+        let arm = self.widths_mm[usize::from(detection.object)] / 2.0;
+        [[0.0; 3], [arm, 0.0, 0.0], [0.0, arm, 0.0], [0.0, 0.0, arm]]
+            .map(|p| self.intrinsics.project(pose.best.apply(p)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn intrinsics_are_four_numbers() {
+        assert!(parse_intrinsics("600, 600.5,320,-1").is_ok());
+        for text in ["", "600", "600,600,320", "600,600,320,240,1", "600,600,320,x", "600 600 320 240"] {
+            assert!(parse_intrinsics(text).is_err_and(|e| e.contains("fx,fy,cx,cy")), "{text:?}");
+        }
+        for text in ["0,600,320,240", "600,-1,320,240", "NaN,600,320,240", "600,600,inf,240"] {
+            assert!(parse_intrinsics(text).is_err_and(|e| e.contains("focal lengths above 0")), "{text:?}");
+        }
+    }
+
+    #[test]
+    fn widths_are_positive_and_may_bear_a_name() {
+        assert_eq!("210".parse(), Ok(Width { name: None, mm: 210.0 }));
+        assert_eq!("a=b=21.5".parse(), Ok(Width { name: Some("a=b".into()), mm: 21.5 }));
+        for text in ["", "0", "-1", "NaN", "inf", "wide", "book=", "book=0"] {
+            assert!(text.parse::<Width>().is_err_and(|e| e.contains("millimetres above 0")), "{text:?}");
+        }
+    }
+}
