@@ -12,34 +12,22 @@
 //! back YUV4MPEG2 with 8-bit 4:2:0 samples at a constant frame rate, already
 //! turned as the video's rotation says.
 //!
-//! Why not the y4m crate: its end of file is the same for a complete and for a
-//! cut-off stream, it does not name the colour space it refuses, and it
-//! multiplies the sizes in the header unchecked.
-//!
-//! Memory: one frame, or one picture and its file, at a time. Larger frames
-//! than [`MAX_FRAME_PIXELS`] are refused.
+//! Memory: one frame, or one picture and its file, at a time.
 
 use std::collections::VecDeque;
 use std::ffi::OsString;
 use std::fmt;
 use std::fs::{self, File};
-use std::io::{self, BufRead, BufReader, Cursor, Read};
+use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::thread::JoinHandle;
 
-use anyhow::{Context, Result, anyhow, bail, ensure};
-use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader};
+use anyhow::{Context, Result, anyhow, ensure};
 
-/// Most pixels in a frame of a stream: a header that asks for more is refused
-/// before anything is allocated for it.
-pub const MAX_FRAME_PIXELS: u64 = 100_000_000;
-
-/// Frames per second given where a video does not say, as in ffmpeg.
-const UNKNOWN_FPS: (u32, u32) = (25, 1);
-
-/// Longest header line of a YUV4MPEG2 stream or frame, in bytes.
-const MAX_HEADER_BYTES: u64 = 1024;
+pub use crate::picture::{Picture, Pixels, read_picture};
+pub(crate) use crate::yuv4mpeg::CROP_TO_EVEN;
+use crate::yuv4mpeg::{UNKNOWN_FPS, YUV4MPEG2_MAGIC, Yuv4MpegReader};
 
 /// Most bytes of ffmpeg's messages that are kept for an error.
 const MAX_MESSAGE_BYTES: usize = 4096;
@@ -47,36 +35,10 @@ const MAX_MESSAGE_BYTES: usize = 4096;
 const NO_FFMPEG: &str = "video needs ffmpeg: install it with `sudo apt-get install ffmpeg` \
                          (Debian/Ubuntu) or `brew install ffmpeg` (macOS)";
 
-/// Drops the last column or row of odd sizes, which 4:2:0 cannot halve.
-pub(crate) const CROP_TO_EVEN: &str = "crop=trunc(iw/2)*2:trunc(ih/2)*2";
-
 const PICTURE_EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
 
 const VIDEO_EXTENSIONS: [&str; 16] =
     ["mp4", "m4v", "avi", "mkv", "mov", "webm", "mpg", "mpeg", "ogv", "y4m", "wmv", "flv", "ts", "mts", "3gp", "gif"];
-
-/// Pixels in rows from the top, without padding.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Pixels {
-    /// Red, green, blue: 3 bytes per pixel.
-    Rgb8(Vec<u8>),
-    /// Luminance: 1 byte per pixel.
-    Gray8(Vec<u8>),
-    /// The Y plane, then the U and V planes of half the width and height.
-    /// Width and height are even.
-    I420(Vec<u8>),
-}
-
-/// A decoded picture or video frame.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Picture {
-    /// Pixels per row.
-    pub width: u32,
-    /// Number of rows.
-    pub height: u32,
-    /// The pixels, as many as width and height say.
-    pub pixels: Pixels,
-}
 
 /// What a frame is a part of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -271,110 +233,6 @@ impl Content {
     }
 }
 
-// ------------------------------------------------------------------ pictures
-
-/// Decodes a PNG or JPEG file, turned upright as its EXIF orientation says, on
-/// white where it is transparent, and with 8 bits per sample.
-///
-/// # Errors
-/// If the file is missing, not a PNG or JPEG picture, damaged or cut off. The
-/// message names the path.
-pub fn read_picture(path: &Path) -> Result<Picture> {
-    Ok(read_picture_noting_transparency(path)?.0)
-}
-
-/// As [`read_picture`]; the flag says if any pixel was not fully opaque.
-///
-/// # Errors
-/// As [`read_picture`].
-pub fn read_picture_noting_transparency(path: &Path) -> Result<(Picture, bool)> {
-    let name = path.display();
-    let bytes = fs::read(path).map_err(|error| match error.kind() {
-        io::ErrorKind::NotFound => anyhow!("{name}: no such file"),
-        _ => anyhow!("{name}: cannot be read: {error}"),
-    })?;
-    let image = decode_upright(&bytes).with_context(|| name.to_string())?;
-    Ok(flatten_onto_white(image))
-}
-
-fn decode_upright(bytes: &[u8]) -> Result<DynamicImage> {
-    let reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().context("cannot be read")?;
-    match reader.format() {
-        Some(ImageFormat::Png) => {}
-        // The decoder fills the rest of a cut-off JPEG with grey in silence.
-        Some(ImageFormat::Jpeg) => ensure!(jpeg_is_complete(bytes), "the JPEG picture is cut off before its end"),
-        _ if bytes.is_empty() => bail!("the file is empty"),
-        _ => bail!("is not a PNG or JPEG picture"),
-    }
-    let damaged = "the picture cannot be decoded; it may be damaged or cut off";
-    let mut decoder = reader.into_decoder().context(damaged)?;
-    // A picture with a damaged orientation is still worth looking at.
-    let orientation = decoder.orientation();
-    let mut image = DynamicImage::from_decoder(decoder).context(damaged)?;
-    if let Ok(orientation) = orientation {
-        image.apply_orientation(orientation);
-    }
-    Ok(image)
-}
-
-/// Walks the segments of a JPEG to its end-of-image marker. Those inside of
-/// segments, such as a thumbnail's, do not count.
-fn jpeg_is_complete(bytes: &[u8]) -> bool {
-    const END_OF_IMAGE: u8 = 0xD9;
-    let mut at = 2;
-    loop {
-        // Entropy-coded data never holds FF before anything but 00 or D0..D7.
-        let Some(&[first, marker]) = bytes.get(at..at + 2) else {
-            return false;
-        };
-        match (first, marker) {
-            (0xFF, END_OF_IMAGE) => return true,
-            (0xFF, 0x00 | 0x01 | 0xD0..=0xD8) => at += 2,
-            (0xFF, 0xFF) => at += 1,
-            (0xFF, _) => {
-                let Some(&[high, low]) = bytes.get(at + 2..at + 4) else {
-                    return false;
-                };
-                at += 2 + usize::from(u16::from_be_bytes([high, low]));
-            }
-            _ => at += 1,
-        }
-    }
-}
-
-/// Converts to 8-bit gray or RGB, transparent pixels mixed with white. The
-/// flag says if any pixel was not fully opaque.
-#[must_use]
-pub fn flatten_onto_white(image: DynamicImage) -> (Picture, bool) {
-    let (width, height) = (image.width(), image.height());
-    let gray = !image.color().has_color();
-    let mut transparent = false;
-    let mut mix = |samples: &[u8], alpha: u8| {
-        transparent |= alpha != u8::MAX;
-        samples.iter().map(|&sample| over_white(sample, alpha)).collect::<Vec<u8>>()
-    };
-    let pixels = match (gray, image.color().has_alpha()) {
-        (true, false) => Pixels::Gray8(image.into_luma8().into_raw()),
-        (false, false) => Pixels::Rgb8(image.into_rgb8().into_raw()),
-        (true, true) => {
-            let image = image.into_luma_alpha8();
-            Pixels::Gray8(image.pixels().flat_map(|p| mix(&p.0[..1], p.0[1])).collect())
-        }
-        (false, true) => {
-            let image = image.into_rgba8();
-            Pixels::Rgb8(image.pixels().flat_map(|p| mix(&p.0[..3], p.0[3])).collect())
-        }
-    };
-    let picture = Picture { width, height, pixels };
-    (picture, transparent)
-}
-
-fn over_white(sample: u8, alpha: u8) -> u8 {
-    let (sample, alpha) = (u16::from(sample), u16::from(alpha));
-    let mixed = (sample * alpha + 255 * (255 - alpha) + 127) / 255;
-    u8::try_from(mixed).unwrap_or(u8::MAX)
-}
-
 // -------------------------------------------------------------------- videos
 
 /// A video that is being read, directly or through ffmpeg.
@@ -536,154 +394,6 @@ fn first_messages(mut stderr: impl Read) -> String {
     String::from_utf8_lossy(&kept).trim().to_string()
 }
 
-// ----------------------------------------------------------------- YUV4MPEG2
-
-const YUV4MPEG2_MAGIC: &[u8] = b"YUV4MPEG2";
-
-const WANTED_STREAM: &str = "is not a YUV4MPEG2 stream; make one with \
-                             `ffmpeg -i FILE -f yuv4mpegpipe -pix_fmt yuv420p -strict -1 -`";
-
-/// How the samples of a frame are stored. Always 8 bits per sample.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Chroma {
-    Mono,
-    C420,
-    C422,
-    C444,
-}
-
-/// Reads frames off a YUV4MPEG2 stream: a line of text about the stream, then
-/// for every frame a line of text and its Y, U and V planes.
-/// The format is described in the manual page yuv4mpeg(5) of mjpegtools.
-#[derive(Debug)]
-struct Yuv4MpegReader<R> {
-    reader: BufReader<R>,
-    width: u32,
-    height: u32,
-    fps: (u32, u32),
-    chroma: Chroma,
-}
-
-impl<R: Read> Yuv4MpegReader<R> {
-    fn new(stream: R) -> Result<Self> {
-        let mut reader = BufReader::new(stream);
-        let Some(header) = read_header_line(&mut reader, YUV4MPEG2_MAGIC)? else {
-            bail!("is empty; expected a YUV4MPEG2 stream");
-        };
-        let (mut width, mut height, mut fps, mut chroma) = (0, 0, None, Chroma::C420);
-        for field in header.split(' ').filter(|field| !field.is_empty()) {
-            let mut rest = field.chars();
-            match (rest.next(), rest.as_str()) {
-                (Some('W'), value) => width = parse_size(value)?,
-                (Some('H'), value) => height = parse_size(value)?,
-                (Some('F'), value) => fps = parse_fps(value),
-                (Some('C'), value) => chroma = parse_chroma(value)?,
-                // Interlacing, pixel aspect and comments do not matter here.
-                _ => {}
-            }
-        }
-        ensure!(width > 0 && height > 0, "the YUV4MPEG2 header gives no width and height");
-        ensure!(
-            u64::from(width) * u64::from(height) <= MAX_FRAME_PIXELS,
-            "frames of {width} x {height} pixels are too large: \
-             the limit is {MAX_FRAME_PIXELS} pixels"
-        );
-        ensure!(
-            chroma == Chroma::Mono || (width % 2 == 0 && height % 2 == 0),
-            "frames of {width} x {height} pixels have an odd size: \
-             add `-vf \"{CROP_TO_EVEN}\"` to the ffmpeg command"
-        );
-        Ok(Self { reader, width, height, fps: fps.unwrap_or(UNKNOWN_FPS), chroma })
-    }
-
-    /// The next frame, or `None` at the end of the stream. After an error the
-    /// place in the stream is lost: do not call again.
-    fn next_frame(&mut self) -> Result<Option<Picture>> {
-        if read_header_line(&mut self.reader, b"FRAME")?.is_none() {
-            return Ok(None);
-        }
-        let (width, height) = (self.width as usize, self.height as usize);
-        let luma = width * height;
-        let whole = match self.chroma {
-            Chroma::Mono => luma,
-            Chroma::C420 => luma + luma / 2,
-            Chroma::C422 => luma * 2,
-            Chroma::C444 => luma * 3,
-        };
-        let mut planes = Vec::with_capacity(whole);
-        self.reader.by_ref().take(whole as u64).read_to_end(&mut planes).context("cannot read the frame")?;
-        ensure!(planes.len() == whole, "the stream ends inside the frame: {} of {whole} bytes", planes.len());
-        let pixels = match self.chroma {
-            Chroma::Mono => Pixels::Gray8(planes),
-            Chroma::C420 => Pixels::I420(planes),
-            Chroma::C422 => Pixels::I420(average_chroma(planes, luma, width / 2, 1)),
-            Chroma::C444 => Pixels::I420(average_chroma(planes, luma, width, 2)),
-        };
-        Ok(Some(Picture { width: self.width, height: self.height, pixels }))
-    }
-}
-
-/// Reads a line that starts with `magic` and returns what follows. `None` if
-/// the stream ends before the line begins.
-fn read_header_line(reader: &mut impl BufRead, magic: &[u8]) -> Result<Option<String>> {
-    let mut line = Vec::new();
-    reader.take(MAX_HEADER_BYTES).read_until(b'\n', &mut line).context("cannot read the stream")?;
-    if line.is_empty() {
-        return Ok(None);
-    }
-    let Some(rest) = line.strip_prefix(magic) else {
-        ensure!(magic == YUV4MPEG2_MAGIC, "the stream is damaged: no frame where one should begin");
-        bail!(WANTED_STREAM);
-    };
-    let Some(rest) = rest.strip_suffix(b"\n") else {
-        bail!("the stream ends inside a header, or the header is too long");
-    };
-    Ok(Some(String::from_utf8_lossy(rest).into_owned()))
-}
-
-fn parse_size(value: &str) -> Result<u32> {
-    value.parse().map_err(|_| anyhow!("the YUV4MPEG2 header has a size that is no number: {value:?}"))
-}
-
-/// `None` for 0:0, which means unknown, and for what cannot be read.
-fn parse_fps(value: &str) -> Option<(u32, u32)> {
-    let (numerator, denominator) = value.split_once(':')?;
-    let fps: (u32, u32) = (numerator.parse().ok()?, denominator.parse().ok()?);
-    (fps.0 > 0 && fps.1 > 0).then_some(fps)
-}
-
-fn parse_chroma(value: &str) -> Result<Chroma> {
-    match value {
-        // They differ in where the colour samples lie, by half a pixel.
-        "420" | "420jpeg" | "420mpeg2" | "420paldv" => Ok(Chroma::C420),
-        "422" => Ok(Chroma::C422),
-        "444" => Ok(Chroma::C444),
-        "mono" => Ok(Chroma::Mono),
-        _ => bail!(
-            "the colour space C{value} is not supported: \
-             add `-pix_fmt yuv420p` to the ffmpeg command for 8-bit 4:2:0"
-        ),
-    }
-}
-
-/// Turns 4:2:2 or 4:4:4 planes into 4:2:0: `columns` x 2 colour samples become
-/// their mean. `luma` is the length of the Y plane, `width` that of a row of
-/// the U and V planes as stored.
-fn average_chroma(mut planes: Vec<u8>, luma: usize, width: usize, columns: usize) -> Vec<u8> {
-    let mut averaged = Vec::with_capacity(luma / 2);
-    // The height is even, so no pair of rows reaches from U into V.
-    for rows in planes[luma..].chunks_exact(2 * width) {
-        let (upper, lower) = rows.split_at(width);
-        for (a, b) in upper.chunks_exact(columns).zip(lower.chunks_exact(columns)) {
-            let sum: usize = a.iter().chain(b).map(|&sample| usize::from(sample)).sum();
-            averaged.push(u8::try_from((sum + columns) / (2 * columns)).unwrap_or(u8::MAX));
-        }
-    }
-    planes.truncate(luma);
-    planes.extend(averaged);
-    planes
-}
-
 // --------------------------------------------------------------------- tests
 
 /// What the tests of this crate's file formats need.
@@ -711,6 +421,18 @@ pub(crate) mod scratch {
         }
     }
 
+    /// What an error says.
+    pub(crate) fn message<T>(result: anyhow::Result<T>) -> String {
+        result.err().map_or("no error".into(), |e| format!("{e:#}"))
+    }
+
+    /// It failed, and the message has this part.
+    #[track_caller]
+    pub(crate) fn assert_says<T>(result: anyhow::Result<T>, part: &str) {
+        let message = message(result);
+        assert!(message.contains(part), "{part:?} is not in {message:?}");
+    }
+
     /// Runs `ffmpeg -v error` with these arguments, split at spaces, and the
     /// output file. False, and a line that cargo does not hide, if there is no
     /// ffmpeg.
@@ -732,104 +454,10 @@ pub(crate) mod scratch {
 
 #[cfg(test)]
 mod tests {
-    use super::scratch::{Folder, ffmpeg_makes};
+    use super::scratch::{Folder, assert_says, ffmpeg_makes, message};
     use super::*;
-    use image::codecs::jpeg::JpegEncoder;
-    use image::codecs::png::PngEncoder;
-    use image::{ExtendedColorType, ImageEncoder};
-
-    fn png(width: u32, samples: &[u8], colour: ExtendedColorType) -> Vec<u8> {
-        let bytes = width as usize * usize::from(colour.bits_per_pixel()) / 8;
-        let height = u32::try_from(samples.len() / bytes).expect("small");
-        let mut file = Vec::new();
-        PngEncoder::new(&mut file).write_image(samples, width, height, colour).expect("encodes");
-        file
-    }
-
-    fn jpeg(side: u32) -> Vec<u8> {
-        let samples: Vec<u8> = (0..side * side * 3).map(|i| (i * 7 % 251) as u8).collect();
-        let mut file = Vec::new();
-        JpegEncoder::new(&mut file).encode(&samples, side, side, ExtendedColorType::Rgb8).expect("encodes");
-        file
-    }
-
-    fn decode(bytes: &[u8]) -> Result<(Picture, bool)> {
-        decode_upright(bytes).map(flatten_onto_white)
-    }
-
-    fn message<T>(result: Result<T>) -> String {
-        result.err().map_or("no error".into(), |e| format!("{e:#}"))
-    }
-
-    #[track_caller]
-    fn assert_says<T>(result: Result<T>, part: &str) {
-        let message = message(result);
-        assert!(message.contains(part), "{part:?} is not in {message:?}");
-    }
-
-    // pictures
-
-    #[test]
-    fn gray_stays_gray_and_colour_stays_colour() {
-        let (gray, _) = decode(&png(2, &[1, 2, 3, 4], ExtendedColorType::L8)).expect("gray");
-        assert_eq!(gray.pixels, Pixels::Gray8(vec![1, 2, 3, 4]));
-        assert_eq!((gray.width, gray.height), (2, 2));
-        let (rgb, _) = decode(&png(1, &[1, 2, 3], ExtendedColorType::Rgb8)).expect("rgb");
-        assert_eq!(rgb.pixels, Pixels::Rgb8(vec![1, 2, 3]));
-    }
-
-    #[test]
-    fn sixteen_bits_become_eight() {
-        let samples: Vec<u8> = [0_u16, 0x8080, 0xFFFF].iter().flat_map(|v| v.to_ne_bytes()).collect();
-        let (gray, _) = decode(&png(3, &samples, ExtendedColorType::L16)).expect("16 bits");
-        assert_eq!(gray.pixels, Pixels::Gray8(vec![0, 0x80, 0xFF]));
-    }
-
-    #[test]
-    fn transparency_is_mixed_with_white_and_told() {
-        let samples = [10, 20, 30, 255, 10, 20, 30, 0, 0, 0, 0, 128];
-        let (picture, transparent) = decode(&png(3, &samples, ExtendedColorType::Rgba8)).expect("rgba");
-        let expected = vec![10, 20, 30, 255, 255, 255, 127, 127, 127];
-        assert_eq!(picture.pixels, Pixels::Rgb8(expected));
-        assert!(transparent);
-        let (picture, transparent) = decode(&png(1, &[9, 255], ExtendedColorType::La8)).expect("la");
-        assert_eq!(picture.pixels, Pixels::Gray8(vec![9]));
-        assert!(!transparent, "an alpha channel of 255 is opaque");
-    }
-
-    #[test]
-    fn exif_orientation_is_applied() {
-        // One entry: tag 0x0112 (orientation), type short, count 1, value 6:
-        // the first row is the right side.
-        let mut exif = b"MM\0\x2a\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0\x06\0\0".to_vec();
-        exif.extend([0; 4]);
-        let mut file = Vec::new();
-        let mut encoder = PngEncoder::new(&mut file);
-        encoder.set_exif_metadata(exif).expect("takes exif");
-        encoder.write_image(&[1, 2, 3, 4, 5, 6], 3, 2, ExtendedColorType::L8).expect("encodes");
-        let (picture, _) = decode(&file).expect("decodes");
-        assert_eq!((picture.width, picture.height), (2, 3));
-        assert_eq!(picture.pixels, Pixels::Gray8(vec![4, 1, 5, 2, 6, 3]));
-    }
-
-    #[test]
-    fn a_jpeg_cut_anywhere_is_refused() {
-        let whole = jpeg(24);
-        assert!(decode(&whole).is_ok());
-        for length in 3..whole.len() {
-            assert!(decode(&whole[..length]).is_err(), "cut at {length}");
-        }
-        assert_says(decode(&whole[..whole.len() / 2]), "cut off");
-    }
-
-    #[test]
-    fn a_cut_png_and_what_is_no_picture_are_refused() {
-        let whole = png(20, &[7; 400], ExtendedColorType::L8);
-        assert_says(decode(&whole[..whole.len() / 2]), "cut off");
-        assert_says(decode(b"hello"), "is not a PNG or JPEG picture");
-        assert_says(decode(b""), "the file is empty");
-        assert_says(read_picture(Path::new("/no/such.png")), "/no/such.png: no such file");
-    }
+    use crate::picture::tests::png;
+    use image::ExtendedColorType;
 
     // inputs
 
@@ -905,10 +533,6 @@ mod tests {
         source.collect()
     }
 
-    fn header(text: &str) -> Result<Yuv4MpegReader<&[u8]>> {
-        Yuv4MpegReader::new(text.as_bytes())
-    }
-
     #[test]
     fn frames_are_read_in_turn() {
         let stream = b"YUV4MPEG2 W2 H2 F30000:1001 Ip A1:1 C420jpeg XCOLORRANGE=LIMITED\n\
@@ -945,32 +569,6 @@ mod tests {
         let errors: Vec<_> = frames.into_iter().map(|f| message(f.picture)).collect();
         assert_eq!(errors.len(), 1);
         assert!(errors[0].contains("no frames"), "{}", errors[0]);
-    }
-
-    #[test]
-    fn headers_that_cannot_be_used_say_why() {
-        for (text, part) in [
-            ("", "is empty"),
-            ("\u{89}PNG", "is not a YUV4MPEG2 stream"),
-            ("YUV4MPEG2 W2 H2", "ends inside a header"),
-            ("YUV4MPEG2 W2\n", "no width and height"),
-            ("YUV4MPEG2 W-2 H2\n", "no number: \"-2\""),
-            ("YUV4MPEG2 W60000 H60000\n", "too large"),
-            ("YUV4MPEG2 W3 H2\n", "-vf \"crop=trunc(iw/2)*2:trunc(ih/2)*2\""),
-            ("YUV4MPEG2 W2 H2 C420p10\n", "-pix_fmt yuv420p"),
-            ("YUV4MPEG2 W2 H2 C411\n", "C411 is not supported"),
-        ] {
-            assert_says(header(text), part);
-        }
-        let long = format!("YUV4MPEG2 W2 H2 X{}\n", "x".repeat(2000));
-        assert_says(header(&long), "too long");
-    }
-
-    #[test]
-    fn an_unknown_frame_rate_is_25() {
-        for text in ["YUV4MPEG2 W2 H2\n", "YUV4MPEG2 W2 H2 F0:0\n"] {
-            assert_eq!(header(text).expect("valid").fps, (25, 1));
-        }
     }
 
     #[test]

@@ -3,6 +3,7 @@
 //!
 //! A file uses only files above it:
 //!
+//! - [`picture`], [`yuv4mpeg`]: pixels, and the files and streams that hold them
 //! - [`input`]: pictures, folders, videos and streams as one sequence of frames
 //! - [`annotate`], [`video`], [`progress`]: what is drawn, written and shown
 //! - [`search`]: one frame into a detector of the right size
@@ -12,6 +13,8 @@
 //! - [`run`], [`gallery`]: many frames at once, and where their pictures go
 //! - [`demo`]: the whole path on the pictures of the repository
 
+pub mod picture;
+pub mod yuv4mpeg;
 pub mod input;
 pub mod annotate;
 pub mod video;

@@ -1,0 +1,226 @@
+//! A picture, and how it is read from a file.
+//!
+//! In: a PNG or JPEG file. Out: its pixels, upright, 8 bits a sample, gray or RGB.
+//! Memory: the file and the decoded picture.
+
+use std::fs;
+use std::io::{self, Cursor};
+use std::path::Path;
+
+use anyhow::{Context, Result, anyhow, bail, ensure};
+use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader};
+
+/// Pixels in rows from the top, without padding.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Pixels {
+    /// Red, green, blue: 3 bytes per pixel.
+    Rgb8(Vec<u8>),
+    /// Luminance: 1 byte per pixel.
+    Gray8(Vec<u8>),
+    /// The Y plane, then the U and V planes of half the width and height.
+    /// Width and height are even.
+    I420(Vec<u8>),
+}
+
+/// A decoded picture or video frame.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Picture {
+    /// Pixels per row.
+    pub width: u32,
+    /// Number of rows.
+    pub height: u32,
+    /// The pixels, as many as width and height say.
+    pub pixels: Pixels,
+}
+
+/// Decodes a PNG or JPEG file, turned upright as its EXIF orientation says, on
+/// white where it is transparent, and with 8 bits per sample.
+///
+/// # Errors
+/// If the file is missing, not a PNG or JPEG picture, damaged or cut off. The
+/// message names the path.
+pub fn read_picture(path: &Path) -> Result<Picture> {
+    Ok(read_picture_noting_transparency(path)?.0)
+}
+
+/// As [`read_picture`]; the flag says if any pixel was not fully opaque.
+///
+/// # Errors
+/// As [`read_picture`].
+pub fn read_picture_noting_transparency(path: &Path) -> Result<(Picture, bool)> {
+    let name = path.display();
+    let bytes = fs::read(path).map_err(|error| match error.kind() {
+        io::ErrorKind::NotFound => anyhow!("{name}: no such file"),
+        _ => anyhow!("{name}: cannot be read: {error}"),
+    })?;
+    let image = decode_upright(&bytes).with_context(|| name.to_string())?;
+    Ok(flatten_onto_white(image))
+}
+
+fn decode_upright(bytes: &[u8]) -> Result<DynamicImage> {
+    let reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().context("cannot be read")?;
+    match reader.format() {
+        Some(ImageFormat::Png) => {}
+        // The decoder fills the rest of a cut-off JPEG with grey in silence.
+        Some(ImageFormat::Jpeg) => ensure!(jpeg_is_complete(bytes), "the JPEG picture is cut off before its end"),
+        _ if bytes.is_empty() => bail!("the file is empty"),
+        _ => bail!("is not a PNG or JPEG picture"),
+    }
+    let damaged = "the picture cannot be decoded; it may be damaged or cut off";
+    let mut decoder = reader.into_decoder().context(damaged)?;
+    // A picture with a damaged orientation is still worth looking at.
+    let orientation = decoder.orientation();
+    let mut image = DynamicImage::from_decoder(decoder).context(damaged)?;
+    if let Ok(orientation) = orientation {
+        image.apply_orientation(orientation);
+    }
+    Ok(image)
+}
+
+/// Walks the segments of a JPEG to its end-of-image marker. Those inside of
+/// segments, such as a thumbnail's, do not count.
+fn jpeg_is_complete(bytes: &[u8]) -> bool {
+    const END_OF_IMAGE: u8 = 0xD9;
+    let mut at = 2;
+    loop {
+        // Entropy-coded data never holds FF before anything but 00 or D0..D7.
+        let Some(&[first, marker]) = bytes.get(at..at + 2) else {
+            return false;
+        };
+        match (first, marker) {
+            (0xFF, END_OF_IMAGE) => return true,
+            (0xFF, 0x00 | 0x01 | 0xD0..=0xD8) => at += 2,
+            (0xFF, 0xFF) => at += 1,
+            (0xFF, _) => {
+                let Some(&[high, low]) = bytes.get(at + 2..at + 4) else {
+                    return false;
+                };
+                at += 2 + usize::from(u16::from_be_bytes([high, low]));
+            }
+            _ => at += 1,
+        }
+    }
+}
+
+/// Converts to 8-bit gray or RGB, transparent pixels mixed with white. The
+/// flag says if any pixel was not fully opaque.
+#[must_use]
+pub fn flatten_onto_white(image: DynamicImage) -> (Picture, bool) {
+    let (width, height) = (image.width(), image.height());
+    let gray = !image.color().has_color();
+    let mut transparent = false;
+    let mut mix = |samples: &[u8], alpha: u8| {
+        transparent |= alpha != u8::MAX;
+        samples.iter().map(|&sample| over_white(sample, alpha)).collect::<Vec<u8>>()
+    };
+    let pixels = match (gray, image.color().has_alpha()) {
+        (true, false) => Pixels::Gray8(image.into_luma8().into_raw()),
+        (false, false) => Pixels::Rgb8(image.into_rgb8().into_raw()),
+        (true, true) => {
+            let image = image.into_luma_alpha8();
+            Pixels::Gray8(image.pixels().flat_map(|p| mix(&p.0[..1], p.0[1])).collect())
+        }
+        (false, true) => {
+            let image = image.into_rgba8();
+            Pixels::Rgb8(image.pixels().flat_map(|p| mix(&p.0[..3], p.0[3])).collect())
+        }
+    };
+    let picture = Picture { width, height, pixels };
+    (picture, transparent)
+}
+
+fn over_white(sample: u8, alpha: u8) -> u8 {
+    let (sample, alpha) = (u16::from(sample), u16::from(alpha));
+    let mixed = (sample * alpha + 255 * (255 - alpha) + 127) / 255;
+    u8::try_from(mixed).unwrap_or(u8::MAX)
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+    use crate::input::scratch::assert_says;
+    use image::codecs::jpeg::JpegEncoder;
+    use image::codecs::png::PngEncoder;
+    use image::{ExtendedColorType, ImageEncoder};
+
+    pub(crate) fn png(width: u32, samples: &[u8], colour: ExtendedColorType) -> Vec<u8> {
+        let bytes = width as usize * usize::from(colour.bits_per_pixel()) / 8;
+        let height = u32::try_from(samples.len() / bytes).expect("small");
+        let mut file = Vec::new();
+        PngEncoder::new(&mut file).write_image(samples, width, height, colour).expect("encodes");
+        file
+    }
+
+    fn jpeg(side: u32) -> Vec<u8> {
+        let samples: Vec<u8> = (0..side * side * 3).map(|i| (i * 7 % 251) as u8).collect();
+        let mut file = Vec::new();
+        JpegEncoder::new(&mut file).encode(&samples, side, side, ExtendedColorType::Rgb8).expect("encodes");
+        file
+    }
+
+    fn decode(bytes: &[u8]) -> Result<(Picture, bool)> {
+        decode_upright(bytes).map(flatten_onto_white)
+    }
+
+    #[test]
+    fn gray_stays_gray_and_colour_stays_colour() {
+        let (gray, _) = decode(&png(2, &[1, 2, 3, 4], ExtendedColorType::L8)).expect("gray");
+        assert_eq!(gray.pixels, Pixels::Gray8(vec![1, 2, 3, 4]));
+        assert_eq!((gray.width, gray.height), (2, 2));
+        let (rgb, _) = decode(&png(1, &[1, 2, 3], ExtendedColorType::Rgb8)).expect("rgb");
+        assert_eq!(rgb.pixels, Pixels::Rgb8(vec![1, 2, 3]));
+    }
+
+    #[test]
+    fn sixteen_bits_become_eight() {
+        let samples: Vec<u8> = [0_u16, 0x8080, 0xFFFF].iter().flat_map(|v| v.to_ne_bytes()).collect();
+        let (gray, _) = decode(&png(3, &samples, ExtendedColorType::L16)).expect("16 bits");
+        assert_eq!(gray.pixels, Pixels::Gray8(vec![0, 0x80, 0xFF]));
+    }
+
+    #[test]
+    fn transparency_is_mixed_with_white_and_told() {
+        let samples = [10, 20, 30, 255, 10, 20, 30, 0, 0, 0, 0, 128];
+        let (picture, transparent) = decode(&png(3, &samples, ExtendedColorType::Rgba8)).expect("rgba");
+        let expected = vec![10, 20, 30, 255, 255, 255, 127, 127, 127];
+        assert_eq!(picture.pixels, Pixels::Rgb8(expected));
+        assert!(transparent);
+        let (picture, transparent) = decode(&png(1, &[9, 255], ExtendedColorType::La8)).expect("la");
+        assert_eq!(picture.pixels, Pixels::Gray8(vec![9]));
+        assert!(!transparent, "an alpha channel of 255 is opaque");
+    }
+
+    #[test]
+    fn exif_orientation_is_applied() {
+        // One entry: tag 0x0112 (orientation), type short, count 1, value 6:
+        // the first row is the right side.
+        let mut exif = b"MM\0\x2a\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0\x06\0\0".to_vec();
+        exif.extend([0; 4]);
+        let mut file = Vec::new();
+        let mut encoder = PngEncoder::new(&mut file);
+        encoder.set_exif_metadata(exif).expect("takes exif");
+        encoder.write_image(&[1, 2, 3, 4, 5, 6], 3, 2, ExtendedColorType::L8).expect("encodes");
+        let (picture, _) = decode(&file).expect("decodes");
+        assert_eq!((picture.width, picture.height), (2, 3));
+        assert_eq!(picture.pixels, Pixels::Gray8(vec![4, 1, 5, 2, 6, 3]));
+    }
+
+    #[test]
+    fn a_jpeg_cut_anywhere_is_refused() {
+        let whole = jpeg(24);
+        assert!(decode(&whole).is_ok());
+        for length in 3..whole.len() {
+            assert!(decode(&whole[..length]).is_err(), "cut at {length}");
+        }
+        assert_says(decode(&whole[..whole.len() / 2]), "cut off");
+    }
+
+    #[test]
+    fn a_cut_png_and_what_is_no_picture_are_refused() {
+        let whole = png(20, &[7; 400], ExtendedColorType::L8);
+        assert_says(decode(&whole[..whole.len() / 2]), "cut off");
+        assert_says(decode(b"hello"), "is not a PNG or JPEG picture");
+        assert_says(decode(b""), "the file is empty");
+        assert_says(read_picture(Path::new("/no/such.png")), "/no/such.png: no such file");
+    }
+}
