@@ -7,6 +7,7 @@
 //! - [`input`]: pictures, folders, videos and streams as one sequence of frames
 //! - [`annotate`], [`video`], [`progress`]: what is drawn, written and shown
 //! - [`search`]: one frame into a detector of the right size
+//! - [`margins`]: plain surroundings of a picture
 //! - [`pose`]: where detections are in space
 //! - [`learn`]: one picture into a model; models into one
 //! - [`report`]: results as JSON
@@ -20,6 +21,7 @@ pub mod annotate;
 pub mod video;
 pub mod progress;
 pub mod search;
+pub mod margins;
 pub mod pose;
 pub mod learn;
 pub mod report;

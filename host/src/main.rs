@@ -14,7 +14,8 @@ use clap::{CommandFactory, Parser, Subcommand};
 use keygraph::gallery::Gallery;
 use keygraph::input::{Picture, Source};
 use keygraph::learn::{Preset, has_colour, merge, train};
-use keygraph::picture::read_picture_noting_transparency;
+use keygraph::margins::within_margins;
+use keygraph::picture::{Framed, Part, read_framed};
 use keygraph::pose::{Calibration, Width, parse_intrinsics};
 use keygraph::progress::Progress;
 use keygraph::run::{Options, Searched, default_threads, run};
@@ -42,6 +43,9 @@ enum Command {
     Train {
         /// PNG or JPEG picture that shows the object, from the front, and nothing else
         picture: PathBuf,
+        /// Part of the picture that shows the object, px [default: all that is opaque]
+        #[arg(long, value_name = "X,Y,W,H", allow_hyphen_values = true)]
+        crop: Option<Part>,
         /// Model file to write
         #[arg(short, long, value_name = "MODEL.kgm")]
         output: PathBuf,
@@ -141,8 +145,8 @@ fn main() -> ExitCode {
 
 fn dispatch(command: Command) -> Result<ExitCode> {
     match command {
-        Command::Train { picture, output, name, preset, luma, json } => {
-            train_one(&picture, &output, name, preset, luma, json)?;
+        Command::Train { picture, crop, output, name, preset, luma, json } => {
+            train_one(&picture, crop, &output, name, preset, luma, json)?;
         }
         Command::Pack { models, output } => pack_all(&models, &output)?,
         Command::Inspect { model, json } => inspect(&model, json)?,
@@ -166,6 +170,7 @@ fn dispatch(command: Command) -> Result<ExitCode> {
 
 fn train_one(
     picture: &Path,
+    crop: Option<Part>,
     output: &Path,
     name: Option<String>,
     preset: Preset,
@@ -176,10 +181,9 @@ fn train_one(
     if let Some(folder) = output.parent().filter(|f| !f.as_os_str().is_empty() && !f.is_dir()) {
         bail!("cannot write {}: the folder {} does not exist", output.display(), folder.display());
     }
-    let (pixels, transparent) = read_picture_noting_transparency(picture)?;
-    if transparent {
-        eprintln!("keygraph: {} is transparent in places: white is taken there", picture.display());
-    }
+    let framed = read_framed(picture, crop)?;
+    tell_framing(&framed, picture, crop.is_some());
+    let pixels = framed.picture;
     match (has_colour(&pixels), preset) {
         (false, Preset::Paper) if !luma => {
             bail!("{} has no colour, which the paper's features are made of: use another preset", picture.display());
@@ -200,6 +204,29 @@ fn train_one(
     print(&format!("picture    {}, {}x{} px", picture.display(), pixels.width, pixels.height))?;
     print(&training_report(&trained))?;
     print(&model_report(&model, output))
+}
+
+/// Says on standard error which part of the picture is taken for the object, where
+/// that may surprise.
+fn tell_framing(framed: &Framed, path: &Path, cropped: bool) {
+    let (path, Part { x, y, width, height }) = (path.display(), framed.part);
+    if !cropped && (width, height) != framed.whole {
+        eprintln!(
+            "keygraph: {path} is transparent around {x},{y},{width},{height}: trained on that part, whose outline will be reported"
+        );
+    }
+    if framed.transparent {
+        eprintln!("keygraph: {path} is transparent in places: white is taken there");
+    }
+    if let Some(m) = within_margins(&framed.picture).filter(|_| !cropped) {
+        eprintln!(
+            "keygraph: {path} has plain margins, and the outline of the whole picture will be reported: if the object is only what is within them, train with --crop {},{},{},{}",
+            x + m.x,
+            y + m.y,
+            m.width,
+            m.height
+        );
+    }
 }
 
 /// Says on standard error what makes a model less useful than it looks.

@@ -6,6 +6,7 @@
 use std::fs;
 use std::io::{self, Cursor};
 use std::path::Path;
+use std::str::FromStr;
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader};
@@ -33,6 +34,53 @@ pub struct Picture {
     pub pixels: Pixels,
 }
 
+/// An upright rectangle of a picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Part {
+    /// Leftmost column, px.
+    pub x: u32,
+    /// Topmost row, px.
+    pub y: u32,
+    /// Columns, px.
+    pub width: u32,
+    /// Rows, px.
+    pub height: u32,
+}
+
+impl Part {
+    /// Whether all of it lies in a picture of this size.
+    fn lies_in(&self, width: u32, height: u32) -> bool {
+        let end = |start: u32, length: u32| u64::from(start) + u64::from(length);
+        end(self.x, self.width) <= u64::from(width) && end(self.y, self.height) <= u64::from(height)
+    }
+}
+
+impl FromStr for Part {
+    type Err = String;
+
+    /// Reads `x,y,width,height`.
+    fn from_str(text: &str) -> Result<Self, String> {
+        let numbers: Result<Vec<u32>, _> = text.split(',').map(|n| n.trim().parse()).collect();
+        match numbers.as_deref() {
+            Ok(&[x, y, width, height]) if width > 0 && height > 0 => Ok(Self { x, y, width, height }),
+            _ => Err("give four whole numbers of pixels, the last two above 0: x,y,width,height".into()),
+        }
+    }
+}
+
+/// The part of a picture that shows an object.
+#[derive(Clone, Debug)]
+pub struct Framed {
+    /// The part, as a picture of its own.
+    pub picture: Picture,
+    /// Where it lies in the upright picture of the file.
+    pub part: Part,
+    /// Size of that picture, px.
+    pub whole: (u32, u32),
+    /// Whether a pixel of the part is not fully opaque, so that white was mixed in.
+    pub transparent: bool,
+}
+
 /// Decodes a PNG or JPEG file, turned upright as its EXIF orientation says, on
 /// white where it is transparent, and with 8 bits per sample.
 ///
@@ -40,21 +88,66 @@ pub struct Picture {
 /// If the file is missing, not a PNG or JPEG picture, damaged or cut off. The
 /// message names the path.
 pub fn read_picture(path: &Path) -> Result<Picture> {
-    Ok(read_picture_noting_transparency(path)?.0)
+    Ok(flatten_onto_white(open_upright(path)?).0)
 }
 
-/// As [`read_picture`]; the flag says if any pixel was not fully opaque.
+/// As [`read_picture`], of the part `crop` (px of the upright picture) or else of
+/// the smallest part that holds all pixels that are at least half opaque.
 ///
 /// # Errors
-/// As [`read_picture`].
-pub fn read_picture_noting_transparency(path: &Path) -> Result<(Picture, bool)> {
+/// As [`read_picture`]; if the part reaches beyond the picture; if all of it is
+/// transparent.
+pub fn read_framed(path: &Path, crop: Option<Part>) -> Result<Framed> {
+    let name = path.display();
+    let image = open_upright(path)?;
+    let whole = (image.width(), image.height());
+    let part = match crop {
+        Some(part) => {
+            ensure!(
+                part.lies_in(whole.0, whole.1),
+                "the part {},{},{},{} reaches beyond {name}, which has {}x{} px when upright",
+                part.x,
+                part.y,
+                part.width,
+                part.height,
+                whole.0,
+                whole.1
+            );
+            part
+        }
+        None => opaque_part(&image)
+            .with_context(|| format!("{name} is transparent everywhere: there is nothing to train on"))?,
+    };
+    let shown = image.crop_imm(part.x, part.y, part.width, part.height);
+    let (picture, transparent) = flatten_onto_white(shown);
+    Ok(Framed { picture, part, whole, transparent })
+}
+
+/// The smallest part that holds all pixels that are at least half opaque: a soft
+/// shadow is none of the object's.
+fn opaque_part(image: &DynamicImage) -> Option<Part> {
+    let (width, height) = (image.width(), image.height());
+    if !image.color().has_alpha() {
+        return Some(Part { x: 0, y: 0, width, height });
+    }
+    let mut bounds = None;
+    for (x, y, pixel) in image.to_luma_alpha8().enumerate_pixels() {
+        if pixel.0[1] >= 128 {
+            let (left, top, right, bottom) = bounds.unwrap_or((x, y, x, y));
+            bounds = Some((x.min(left), top, x.max(right), bottom.max(y)));
+        }
+    }
+    bounds.map(|(x, y, right, bottom)| Part { x, y, width: right - x + 1, height: bottom - y + 1 })
+}
+
+/// Decodes a PNG or JPEG file and turns it upright.
+fn open_upright(path: &Path) -> Result<DynamicImage> {
     let name = path.display();
     let bytes = fs::read(path).map_err(|error| match error.kind() {
         io::ErrorKind::NotFound => anyhow!("{name}: no such file"),
         _ => anyhow!("{name}: cannot be read: {error}"),
     })?;
-    let image = decode_upright(&bytes).with_context(|| name.to_string())?;
-    Ok(flatten_onto_white(image))
+    decode_upright(&bytes).with_context(|| name.to_string())
 }
 
 fn decode_upright(bytes: &[u8]) -> Result<DynamicImage> {
@@ -188,6 +281,32 @@ pub(crate) mod tests {
         let (picture, transparent) = decode(&png(1, &[9, 255], ExtendedColorType::La8)).expect("la");
         assert_eq!(picture.pixels, Pixels::Gray8(vec![9]));
         assert!(!transparent, "an alpha channel of 255 is opaque");
+    }
+
+    #[test]
+    fn the_opaque_part_is_the_smallest() {
+        // 4 x 3 px; only the middle two of the second row count.
+        let mut samples = [7, 0].repeat(12);
+        for (at, alpha) in [(1, 127), (5, 255), (6, 128)] {
+            samples[2 * at + 1] = alpha;
+        }
+        let image = decode_upright(&png(4, &samples, ExtendedColorType::La8)).expect("decodes");
+        assert_eq!(opaque_part(&image), Some(Part { x: 1, y: 1, width: 2, height: 1 }));
+        let nothing = decode_upright(&png(2, &[9, 0, 9, 0], ExtendedColorType::La8)).expect("decodes");
+        assert_eq!(opaque_part(&nothing), None);
+        let opaque = decode_upright(&png(2, &[1, 2, 3, 4], ExtendedColorType::L8)).expect("decodes");
+        assert_eq!(opaque_part(&opaque), Some(Part { x: 0, y: 0, width: 2, height: 2 }));
+    }
+
+    #[test]
+    fn parts_are_four_whole_numbers() {
+        assert_eq!("1, 2,3,4".parse(), Ok(Part { x: 1, y: 2, width: 3, height: 4 }));
+        for text in ["", "1,2,3", "1,2,3,4,5", "1,2,0,4", "1,2,3,0", "-1,2,3,4", "1.5,2,3,4"] {
+            assert!(text.parse::<Part>().is_err_and(|e| e.contains("x,y,width,height")), "{text:?}");
+        }
+        let last = Part { x: 2, y: 1, width: 1, height: 1 };
+        assert!(last.lies_in(3, 2) && !last.lies_in(2, 2) && !last.lies_in(3, 1));
+        assert!(!Part { x: u32::MAX, width: u32::MAX, ..last }.lies_in(9, 9));
     }
 
     #[test]
