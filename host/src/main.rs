@@ -122,6 +122,15 @@ enum Command {
     },
 }
 
+/// A picture with fewer keypoints in every view is hard to find; photographs have 110.
+const FEW_KEYPOINTS: u16 = 40;
+/// The same for likely keygraphs, of which photographs have 58,000 to 72,000.
+const FEW_KEYGRAPHS: u32 = 12_000;
+/// A picture with a shorter longer side is small, px.
+const SMALL_PX: u32 = 200;
+/// Longer side of the largest view: more adds nothing, px.
+const GOOD_PX: u32 = 400;
+
 fn score(s: &str) -> Result<f32, String> {
     match s.parse::<f32>() {
         Ok(v) if (0.0..=1.0).contains(&v) => Ok(v),
@@ -197,7 +206,7 @@ fn train_one(
         train(&pixels, &name, preset, luma).with_context(|| format!("cannot train on {}", picture.display()))?;
     fs::write(output, &bytes).with_context(|| format!("cannot write {}", output.display()))?;
     let model = Model::parse(&bytes)?;
-    warn(&pixels, picture, &name, &model)?;
+    warn(&pixels, picture, &name, &model, &trained)?;
     if json {
         return print(&report::model_object(&model).to_string());
     }
@@ -230,9 +239,12 @@ fn tell_framing(framed: &Framed, path: &Path, cropped: bool) {
 }
 
 /// Says on standard error what makes a model less useful than it looks.
-fn warn(pixels: &Picture, path: &Path, name: &str, model: &Model<'_>) -> Result<()> {
+fn warn(pixels: &Picture, path: &Path, name: &str, model: &Model<'_>, trained: &Trained) -> Result<()> {
     if name.len() > NAME_BYTES {
         eprintln!("keygraph: the name was cut to {NAME_BYTES} bytes: {}", model.object(0).name);
+    }
+    if let Some(advice) = advice(pixels, trained).filter(|_| model.method() == Method::Keygraph) {
+        eprintln!("keygraph: {} {advice}", path.display());
     }
     let own = search(pixels, model, Profile::Vga, DEFAULT_THRESHOLD, false, 0)?;
     if model.method() == Method::Keygraph && own.detections.is_empty() {
@@ -242,6 +254,29 @@ fn warn(pixels: &Picture, path: &Path, name: &str, model: &Model<'_>) -> Result<
         );
     }
     Ok(())
+}
+
+/// What to do about a picture that gave little; `None` when it gave enough.
+fn advice(pixels: &Picture, trained: &Trained) -> Option<String> {
+    let (longer, shorter) = (pixels.width.max(pixels.height), pixels.width.min(pixels.height));
+    let keypoints = trained.view_keypoints.iter().copied().max().unwrap_or(0);
+    let keygraphs = trained.keygraphs.seen;
+    if keypoints < FEW_KEYPOINTS || keygraphs < FEW_KEYGRAPHS {
+        let remedy = match (longer < SMALL_PX, longer > 4 * shorter) {
+            (true, _) => format!("take a larger one, of {GOOD_PX} px or more"),
+            (_, true) => "train on a less elongated part of the object".into(),
+            _ => "take a sharper one, or one of a part with more texture".into(),
+        };
+        return Some(format!(
+            "has little to hold on to ({keypoints} keypoints in its best view, {keygraphs} likely keygraphs), and will often be missed: {remedy}"
+        ));
+    }
+    (longer < SMALL_PX).then(|| {
+        format!(
+            "has only {}x{} px, and will be missed where it is seen much larger: take one of {GOOD_PX} px or more",
+            pixels.width, pixels.height
+        )
+    })
 }
 
 fn training_report(t: &Trained) -> String {

@@ -1,0 +1,242 @@
+//! Pictures to train from as people take them: large, small, gray, cut out, lying on
+//! a table, held upside down. Each is made from a picture of the repository, trained,
+//! and must be found in a frame with the outline where it belongs, or be refused, or
+//! warned about, with what to do.
+#![allow(clippy::unwrap_used, clippy::panic, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+
+mod studio;
+
+use std::ffi::OsString;
+use std::io::BufWriter;
+use std::path::{Path, PathBuf};
+
+use image::codecs::jpeg::JpegEncoder;
+use image::imageops::{self, FilterType};
+use image::{ExtendedColorType, GrayImage, ImageEncoder, Rgb, RgbImage, Rgba, RgbaImage};
+use serde_json::Value;
+use studio::{Folder, Map, Run, apply, background, keygraph, numbers, photograph, pixels};
+
+/// Where frames show the astronaut, which has 512 x 512 px: some 200 px wide, turned
+/// by 25 degrees and tilted.
+const SHOWN: Map = [0.38, -0.16, 220.0, 0.17, 0.36, 110.0, 1e-4, -5e-5, 1.0];
+const SIDE: f64 = 512.0;
+
+fn train(picture: &Path, options: &[&str]) -> (PathBuf, Run) {
+    let model = picture.with_extension("kgm");
+    let mut arguments: Vec<OsString> = vec!["train".into(), picture.into(), "-o".into(), model.clone().into()];
+    arguments.extend(["--preset", "compact", "--json"].iter().chain(options).map(Into::into));
+    (model, keygraph(arguments))
+}
+
+/// The only detection in a frame that shows the astronaut at `map`.
+#[track_caller]
+fn find(folder: &Folder, model: &Path, map: &Map) -> Value {
+    let frame = folder.join("frame.png");
+    photograph(&pixels("astronaut"), map, &background("gravel")).save(&frame).unwrap();
+    let run = keygraph(["detect".into(), "-m".into(), model.to_path_buf(), frame, "--json".into()]).ended_with(0);
+    let found = run.lines()[0]["detections"].as_array().unwrap().clone();
+    assert_eq!(found.len(), 1, "detections: {}", run.out);
+    found[0].clone()
+}
+
+/// The corners are where `map` puts those of the astronaut's part from `(x, y)` to
+/// `(x1, y1)`, to 2 % of its size on average.
+#[track_caller]
+fn assert_corners(found: &Value, map: &Map, [x, y, x1, y1]: [f64; 4]) {
+    let truth = [[x, y], [x1, y], [x1, y1], [x, y1]].map(|p| apply(map, p));
+    let corners: Vec<[f64; 2]> = found["corners"].as_array().unwrap().iter().map(numbers::<2>).collect();
+    let distance = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]);
+    let error = truth.iter().zip(&corners).map(|(a, b)| distance(*a, *b)).sum::<f64>() / 4.0;
+    let size = distance(truth[0], truth[2]) / 2f64.sqrt();
+    assert!(error < 0.02 * size, "{error:.1} px off, of {size:.0}: {corners:?}, not {truth:?}");
+}
+
+/// The astronaut's whole picture is found where it is.
+#[track_caller]
+fn assert_found(folder: &Folder, model: &Path) {
+    assert_corners(&find(folder, model, &SHOWN), &SHOWN, [0.0, 0.0, SIDE, SIDE]);
+}
+
+/// Width and height of the only object of a model, as `train --json` says.
+fn trained_size(run: &Run) -> (u64, u64) {
+    let object = &run.lines()[0]["objects"][0];
+    (object["width"].as_u64().unwrap(), object["height"].as_u64().unwrap())
+}
+
+#[test]
+fn a_picture_4000_px_wide() {
+    let folder = Folder::new("4000");
+    let picture = folder.join("large.jpg");
+    imageops::resize(&pixels("astronaut"), 4000, 4000, FilterType::CatmullRom).save(&picture).unwrap();
+    let (model, run) = train(&picture, &[]);
+    let run = run.ended_with(0);
+    assert_eq!((run.err.as_str(), trained_size(&run)), ("", (4000, 4000)));
+    assert_found(&folder, &model);
+}
+
+#[test]
+fn a_picture_of_120_px_is_found_about_as_small_and_says_so() {
+    let folder = Folder::new("120");
+    let picture = folder.join("small.png");
+    imageops::resize(&pixels("astronaut"), 120, 120, FilterType::Lanczos3).save(&picture).unwrap();
+    let (model, run) = train(&picture, &[]);
+    run.ended_with(0).said(&["small.png", "120x120 px", "400 px or more"]);
+    assert_found(&folder, &model);
+    let small: Map = [0.2, -0.08, 320.0, 0.08, 0.2, 160.0, 0.0, 0.0, 1.0];
+    assert_corners(&find(&folder, &model, &small), &small, [0.0, 0.0, SIDE, SIDE]);
+}
+
+#[test]
+fn a_gray_picture_is_found_in_colour() {
+    let folder = Folder::new("gray");
+    let picture = folder.join("gray.jpg");
+    imageops::grayscale(&pixels("astronaut")).save(&picture).unwrap();
+    let (model, run) = train(&picture, &[]);
+    run.ended_with(0).said(&["no colour", "luma"]);
+    assert_found(&folder, &model);
+}
+
+/// Orientation 3 is upside down; 6 and 8 lie on their side.
+#[test]
+fn a_photograph_with_exif_orientation_is_turned_upright() {
+    let folder = Folder::new("exif");
+    let upright = pixels("coffee");
+    let map: Map = [0.5, -0.2, 200.0, 0.2, 0.5, 80.0, 0.0, 0.0, 1.0];
+    let frame = folder.join("coffee.png");
+    photograph(&upright, &map, &background("brick")).save(&frame).unwrap();
+    for (orientation, stored) in
+        [(3, imageops::rotate180(&upright)), (6, imageops::rotate270(&upright)), (8, imageops::rotate90(&upright))]
+    {
+        let picture = folder.join(&format!("exif{orientation}.jpg"));
+        // A TIFF header and one entry: tag 0x0112, type short, count 1.
+        let mut exif = b"MM\0\x2a\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0".to_vec();
+        exif.extend([orientation, 0, 0, 0, 0, 0, 0]);
+        let mut encoder = JpegEncoder::new_with_quality(BufWriter::new(std::fs::File::create(&picture).unwrap()), 92);
+        encoder.set_exif_metadata(exif).unwrap();
+        encoder.write_image(&stored, stored.width(), stored.height(), ExtendedColorType::Rgb8).unwrap();
+        let (model, run) = train(&picture, &[]);
+        assert_eq!(trained_size(&run.ended_with(0)), (600, 400), "orientation {orientation}");
+        let run = keygraph(["detect".into(), "-m".into(), model, frame.clone(), "--json".into()]).ended_with(0);
+        assert_corners(&run.lines()[0]["detections"][0], &map, [0.0, 0.0, 600.0, 400.0]);
+    }
+}
+
+#[test]
+fn a_cut_out_is_trained_on_its_opaque_part() {
+    let folder = Folder::new("cut-out");
+    let picture = folder.join("cut.png");
+    let photo = pixels("astronaut");
+    // What transparent pixels hold must not matter: a busy pattern.
+    let cut =
+        RgbaImage::from_fn(900, 700, |x, y| match photo.get_pixel_checked(x.wrapping_sub(180), y.wrapping_sub(120)) {
+            Some(&Rgb([r, g, b])) => Rgba([r, g, b, 255]),
+            None => Rgba([(x * y) as u8, (x * 31) as u8, (y * 17) as u8, 0]),
+        });
+    cut.save(&picture).unwrap();
+    let (model, run) = train(&picture, &[]);
+    let run = run.ended_with(0).said(&["transparent around 180,120,512,512", "outline"]);
+    assert_eq!(trained_size(&run), (512, 512));
+    assert_found(&folder, &model);
+
+    let nothing = folder.join("nothing.png");
+    RgbaImage::from_pixel(300, 300, Rgba([200, 10, 10, 0])).save(&nothing).unwrap();
+    let (model, run) = train(&nothing, &[]);
+    run.ended_with(1).said(&["nothing.png", "transparent everywhere"]);
+    assert!(!model.exists());
+}
+
+/// The astronaut's print on a plain table that is lit from one side.
+fn on_a_table() -> RgbImage {
+    let photo = pixels("astronaut");
+    RgbImage::from_fn(1000, 900, |x, y| match photo.get_pixel_checked(x.wrapping_sub(250), y.wrapping_sub(200)) {
+        Some(&pixel) => pixel,
+        None => {
+            let noise = (x.wrapping_mul(7919) ^ y.wrapping_mul(104_729)).wrapping_mul(2_654_435_761) >> 29;
+            Rgb([150, 140, 120].map(|v: u32| (v + x / 25 + noise) as u8))
+        }
+    })
+}
+
+#[test]
+fn wide_margins_are_told_and_can_be_cropped() {
+    let folder = Folder::new("margins");
+    let picture = folder.join("table.png");
+    on_a_table().save(&picture).unwrap();
+
+    // As it is: found, and the outline is that of the whole picture, as is said.
+    let (model, run) = train(&picture, &[]);
+    let run = run.ended_with(0).said(&["table.png has plain margins", "outline of the whole picture", "--crop "]);
+    assert_eq!(trained_size(&run), (1000, 900));
+    assert_corners(&find(&folder, &model, &SHOWN), &SHOWN, [-250.0, -200.0, 750.0, 700.0]);
+
+    // As is advised: the object's own outline, and nothing more to say.
+    let crop = run.err.split("--crop ").nth(1).unwrap().split_whitespace().next().unwrap().to_string();
+    let advised: Vec<f64> = crop.split(',').map(|n| n.parse().unwrap()).collect();
+    for (a, b) in advised.iter().zip([250.0, 200.0, 512.0, 512.0]) {
+        assert!((a - b).abs() <= 10.0, "--crop {crop}, and the print lies at 250,200,512,512");
+    }
+    let (model, run) = train(&picture, &["--crop", "250,200,512,512"]);
+    let run = run.ended_with(0);
+    assert_eq!((run.err.as_str(), trained_size(&run)), ("", (512, 512)));
+    assert_found(&folder, &model);
+}
+
+#[test]
+fn a_crop_that_is_none_is_refused() {
+    let folder = Folder::new("crop");
+    let picture = folder.join("photo.png");
+    pixels("astronaut").save(&picture).unwrap();
+    for crop in ["1,2,3", "0,0,0,10", "a,b,c,d", "-1,0,10,10"] {
+        train(&picture, &["--crop", crop]).1.ended_with(2).said(&["x,y,width,height"]);
+    }
+    let (model, run) = train(&picture, &["--crop", "400,0,200,200"]);
+    run.ended_with(1).said(&["400,0,200,200", "photo.png", "512x512 px"]);
+    assert!(!model.exists());
+}
+
+#[test]
+fn a_picture_without_anything_is_refused() {
+    let folder = Folder::new("flat");
+    let picture = folder.join("flat.png");
+    let shaded = GrayImage::from_fn(400, 300, |x, y| [(80 + (x + y) / 10) as u8].into());
+    shaded.save(&picture).unwrap();
+    let (model, run) = train(&picture, &[]);
+    run.ended_with(1).said(&["flat.png", "too little to hold on to", "more texture"]);
+    assert!(!model.exists());
+}
+
+#[test]
+fn a_poor_picture_is_trained_with_a_warning_that_says_what_to_do() {
+    let folder = Folder::new("poor");
+    let photo = pixels("astronaut");
+    for (name, picture, words) in [
+        ("blurred.png", imageops::blur(&photo, 12.0), ["little to hold on to", "sharper"]),
+        (
+            "tiny.png",
+            imageops::resize(&photo, 40, 40, FilterType::Lanczos3),
+            ["little to hold on to", "400 px or more"],
+        ),
+        (
+            "long.png",
+            imageops::crop_imm(&photo, 0, 200, 512, 30).to_image(),
+            ["little to hold on to", "less elongated"],
+        ),
+    ] {
+        let path = folder.join(name);
+        picture.save(&path).unwrap();
+        let (model, run) = train(&path, &[]);
+        run.ended_with(0).said(&[name]).said(&words);
+        assert!(model.exists(), "{name}");
+    }
+}
+
+#[test]
+fn good_pictures_are_trained_without_a_word() {
+    let folder = Folder::new("good");
+    for name in ["astronaut", "coffee", "rocket", "chelsea", "hubble"] {
+        let picture = folder.join(name).with_extension("jpg");
+        std::fs::copy(studio::asset(name), &picture).unwrap();
+        let run = train(&picture, &[]).1.ended_with(0);
+        assert_eq!(run.err, "", "{name}");
+    }
+}
