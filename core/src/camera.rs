@@ -187,16 +187,11 @@ impl Placed {
     /// reflections S along the sight and D along the object's z.
     fn mirrored(&self) -> Self {
         let v = unit([self.at[0], self.at[1], 1.0]);
-        let mut r = self.r;
-        for c in 0..3 {
-            let along = 2.0 * dot(v, [0, 1, 2].map(|i| self.r[i][c]));
-            for i in 0..3 {
-                r[i][c] -= along * v[i];
-                if c == 2 {
-                    r[i][c] = -r[i][c];
-                }
-            }
-        }
+        let along = [0, 1, 2].map(|c| 2.0 * dot(v, [0, 1, 2].map(|i| self.r[i][c])));
+        let r = core::array::from_fn(|i| {
+            let [x, y, z] = self.r[i];
+            [x - along[0] * v[i], y - along[1] * v[i], along[2] * v[i] - z]
+        });
         Self { r, ..*self }
     }
 
