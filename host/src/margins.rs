@@ -1,7 +1,7 @@
 //! Plain margins of a picture: a table, a wall, a sheet of paper around the object.
 //!
 //! In: a picture. Out: the part within them, where all four sides have one. The
-//! picture is scaled down to [`SIDE`] px, which takes noise away and leaves what the
+//! picture is scaled down to 200 px, which takes noise away and leaves what the
 //! eye sees; a row or column is plain when neighbours along it hardly differ. Cost:
 //! one pass over the picture.
 
