@@ -5,7 +5,7 @@
 
 use std::sync::Mutex;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use keygraph_core::feature::FeatureKind;
 use keygraph_core::frame::Frame;
 use keygraph_core::model::{Method, Model};
@@ -105,14 +105,30 @@ pub fn has_colour(picture: &Picture) -> bool {
 /// # Errors
 /// When the picture is too small, or has too little texture.
 pub fn train(picture: &Picture, name: &str, preset: Preset, luma_only: bool) -> Result<(Vec<u8>, Trained)> {
+    train_within(picture, name, preset, luma_only, preset.bytes())
+}
+
+/// Like [`train`], into a model of at most `bytes` bytes; never more than the
+/// preset's.
+///
+/// # Errors
+/// Those of [`train`], and when `bytes` cannot hold a keygraph.
+pub fn train_within(
+    picture: &Picture,
+    name: &str,
+    preset: Preset,
+    luma_only: bool,
+    bytes: usize,
+) -> Result<(Vec<u8>, Trained)> {
     static TRAINER: Mutex<VgaTrainer> = Mutex::new(VgaTrainer::new());
     let scaled = fit(picture, 640, 640 * 480);
     let frame = Frame::new(scaled.format, scaled.width, scaled.height, &scaled.data).context("the picture")?;
-    let mut model = vec![0; preset.bytes()];
+    let mut model = vec![0; bytes.min(preset.bytes())];
     let mut trainer = TRAINER.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
     let luma_only = luma_only || (preset != Preset::Paper && !has_colour(picture));
     let params = preset.params(name, luma_only);
     let trained = trainer.train(&frame, (picture.width, picture.height), &params, &mut model)?;
+    ensure!(trained.keygraphs.kept > 0, "{} bytes cannot hold one keygraph: allow more", model.len());
     model.truncate(trained.bytes);
     Ok((model, trained))
 }

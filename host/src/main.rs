@@ -13,7 +13,7 @@ use clap::error::ErrorKind;
 use clap::{CommandFactory, Parser, Subcommand};
 use keygraph::gallery::Gallery;
 use keygraph::input::{Picture, Source};
-use keygraph::learn::{Preset, has_colour, merge, train};
+use keygraph::learn::{Preset, has_colour, merge, train_within};
 use keygraph::margins::within_margins;
 use keygraph::picture::{Framed, Part, read_framed};
 use keygraph::pose::{Calibration, Width, parse_intrinsics};
@@ -55,6 +55,9 @@ enum Command {
         /// How much the model holds
         #[arg(long, value_enum, default_value = "large")]
         preset: Preset,
+        /// Most bytes of the model, where the preset's are too many
+        #[arg(long, value_name = "N")]
+        bytes: Option<usize>,
         /// For cameras without colour
         #[arg(long)]
         luma: bool,
@@ -156,8 +159,8 @@ fn main() -> ExitCode {
 
 fn dispatch(command: Command) -> Result<ExitCode> {
     match command {
-        Command::Train { picture, crop, output, name, preset, luma, json } => {
-            train_one(&picture, crop, &output, name, preset, luma, json)?;
+        Command::Train { picture, crop, output, name, preset, bytes, luma, json } => {
+            train_one(&picture, crop, &output, name, preset, bytes, luma, json)?;
         }
         Command::Pack { models, output } => pack_all(&models, &output)?,
         Command::Inspect { model, json } => inspect(&model, json)?,
@@ -185,6 +188,7 @@ fn train_one(
     output: &Path,
     name: Option<String>,
     preset: Preset,
+    bytes: Option<usize>,
     luma: bool,
     json: bool,
 ) -> Result<()> {
@@ -204,8 +208,8 @@ fn train_one(
     }
     let name = name
         .unwrap_or_else(|| picture.file_stem().map_or_else(|| "object".into(), |s| s.to_string_lossy().into_owned()));
-    let (bytes, trained) =
-        train(&pixels, &name, preset, luma).with_context(|| format!("cannot train on {}", picture.display()))?;
+    let (bytes, trained) = train_within(&pixels, &name, preset, luma, bytes.unwrap_or(preset.bytes()))
+        .with_context(|| format!("cannot train on {}", picture.display()))?;
     fs::write(output, &bytes).with_context(|| format!("cannot write {}", output.display()))?;
     let model = Model::parse(&bytes)?;
     warn(&pixels, picture, &name, &model, &trained)?;

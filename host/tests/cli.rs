@@ -324,6 +324,20 @@ fn the_standard_model_keeps_its_size() {
 }
 
 #[test]
+fn a_cap_on_bytes_is_kept_and_never_raises_the_presets() {
+    assert!((32 << 10..=64 << 10).contains(&count(&report("coffee", &["--bytes", "65536"]), "bytes")));
+    assert!(count(&report("coffee", &["--preset", "compact", "--bytes", "1000000"]), "bytes") <= 524_288);
+}
+
+#[test]
+fn a_cap_too_small_for_a_model_is_refused_with_what_is_needed() {
+    let folder = Folder::new("cap");
+    let model = folder.join("m.kgm");
+    keygraph!("train", picture("coffee"), "-o", model, "--bytes", "100").refused_with(&["100 bytes", "are needed"]);
+    assert!(!model.exists());
+}
+
+#[test]
 fn the_default_preset_is_large_and_keeps_its_size() {
     let large = report("chelsea", &[]);
     assert!((1_500_000..=6_000_000).contains(&count(&large, "bytes")), "{large}");
