@@ -103,10 +103,10 @@ SWEEPS = [
     Sweep("rotation", "Rotation, degrees", tuple(range(0, 361, 20)), (0, 90, 180, 270, 360)),
     Sweep("tilt", "Tilt, degrees", (0, 10, 20, 30, 40, 50, 60, 70), (0, 20, 40, 60)),
     Sweep("occlusion", "Hidden, %", (0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6), (0, 0.2, 0.4, 0.6), percent=True),
-    Sweep("blur", "Blur (standard deviation), px", (0.5, 1, 2, 3, 4, 5, 6), (0, 2, 4, 6)),
+    Sweep("blur", "Blur, px", (0.5, 1, 2, 3, 4, 5, 6), (0, 2, 4, 6)),
     Sweep("light", "Light, % of plain", (0.05, 0.07, 0.1, 0.14, 0.2, 0.3, 0.5, 1.0), (0.05, 0.1, 0.2, 0.5, 1), True, True),
-    Sweep("noise", "Noise (standard deviation), gray levels", (0, 5, 10, 15, 20, 30, 40), (0, 10, 20, 30, 40)),
-    Sweep("cast", "Colour cast, %", (0, 0.1, 0.2, 0.3, 0.4, 0.5), (0, 0.2, 0.4), percent=True),
+    Sweep("noise", "Noise, gray levels", (0, 5, 10, 15, 20, 30, 40), (0, 10, 20, 30, 40)),
+    Sweep("cast", "Colour cast, ± %", (0, 0.1, 0.2, 0.3, 0.4, 0.5), (0, 0.2, 0.4), percent=True),
 ]
 
 
@@ -556,6 +556,16 @@ def per_cent_axis(axis):
     axis.set_yticks([0, 25, 50, 75, 100], ["0", "25", "50", "75", "100 %"])
 
 
+def numbers_of(path):
+    """The numbers that an earlier run left beside the figure at `path`."""
+    numbers = os.path.splitext(path)[0] + ".json"
+    try:
+        with open(numbers, encoding="utf-8") as text:
+            return json.load(text)
+    except FileNotFoundError:
+        sys.exit(f"{numbers} is not there: run once without --redraw")
+
+
 def save(figure, numbers, path):
     """Writes the figure to `path` and the numbers beside it as JSON."""
     figure.savefig(path)
@@ -568,14 +578,22 @@ def save(figure, numbers, path):
 def draw_curves(numbers):
     """Small multiples, a sweep each, and the times."""
     plt = pyplot()
-    figure, axes = plt.subplots(3, 3, figsize=(12, 9.2), layout="constrained")
-    figure.get_layout_engine().set(w_pad=0.12, h_pad=0.10, rect=(0, 0.03, 1, 0.91))
+    from matplotlib.transforms import ScaledTranslation
+
+    figure, axes = plt.subplots(3, 3, figsize=(12, 8.6), layout="constrained")
+    figure.get_layout_engine().set(w_pad=0.12, h_pad=0.10, rect=(0, 0.055, 1, 0.845))
     labels = list(numbers["time_ms"])
     for i, (axis, sweep) in enumerate(zip(axes.flat, SWEEPS)):
-        for label in labels:
-            axis.plot(sweep.values, 100 * np.array(numbers["found"][sweep.factor][label]), **STYLES[label], label=label)
+        for k, label in enumerate(labels):
+            beside = ScaledTranslation(0, ((len(labels) - 1) / 2 - k) * 1.3 / 72, figure.dpi_scale_trans)
+            axis.plot(sweep.values, 100 * np.array(numbers["found"][sweep.factor][label]), label=label,
+                      transform=axis.transData + beside, clip_on=False, **STYLES[label])
+        low, high = sweep.values[0], sweep.values[-1]
         if sweep.log:
             axis.set_xscale("log")
+            axis.set_xlim(low * (low / high) ** 0.04, high * (high / low) ** 0.04)
+        else:
+            axis.set_xlim(low - 0.04 * (high - low), high + 0.04 * (high - low))
         axis.set_xticks(sweep.ticks, [f"{100 * t:.0f}" if sweep.percent else f"{t:g}" for t in sweep.ticks])
         axis.minorticks_off()
         axis.set_title(sweep.title)
@@ -585,51 +603,55 @@ def draw_curves(numbers):
     draw_times(axes.flat[-1], numbers["time_ms"])
     handles, names = axes.flat[0].get_legend_handles_labels()
     figure.suptitle("Objects found, % of frames", x=0.012, y=0.985, ha="left", fontsize=15, fontweight="bold")
-    figure.legend(handles, names, loc="upper left", bbox_to_anchor=(0.005, 0.958), ncols=len(names), frameon=False,
-                  fontsize=12, handlelength=2.6, columnspacing=1.8)
+    figure.legend(handles, names, loc="upper left", bbox_to_anchor=(0.003, 0.955), ncols=len(names), frameon=False,
+                  fontsize=12.5, handlelength=2.4, columnspacing=1.8)
     n = numbers["objects"] * numbers["frames"]
-    figure.text(0.012, 0.012, f"{numbers['objects']} objects, {n} rendered frames of {WIDTH}x{HEIGHT} px a point "
-                f"(95 % limits at 50 %: ±{98 / math.sqrt(n):.0f} %). What a panel does not name is plain: scale 0.5 to 1, "
-                "any rotation, tilt to 20 degrees.", fontsize=9.5, color="#555555")
+    figure.text(0.012, 0.012, f"{numbers['objects']} objects, {n} rendered frames of {WIDTH}x{HEIGHT} px a point, good to "
+                f"±{98 / math.sqrt(n):.0f} % at worst. What a panel does not name is plain: scale 0.5 to 1, any rotation, tilt to "
+                "20 degrees.\nBlur and noise: standard deviation. Lines that coincide are drawn side by side.",
+                fontsize=10.5, color="#555555", linespacing=1.4)
     return figure
 
 
 def draw_times(axis, times):
-    labels = list(times)
-    axis.barh(labels, times.values(), color=[STYLES[x]["color"] for x in labels], height=0.62)
-    for i, ms in enumerate(times.values()):
-        axis.text(ms + 0.02 * max(times.values()), i, f"{ms:.0f}", va="center")
-    axis.invert_yaxis()
+    """A bar for each detector, its name above and its time at the end."""
+    most = max(times.values())
+    for i, (label, ms) in enumerate(times.items()):
+        axis.barh(i, ms, color=STYLES[label]["color"], height=0.34)
+        axis.text(0, i - 0.26, label, va="bottom")
+        axis.text(ms + 0.02 * most, i, f"{ms:.0f}", va="center", fontweight="bold")
     axis.set_title("Time a frame, ms (median)")
-    axis.set_xlim(0, 1.15 * max(times.values()))
+    axis.set_xlim(0, 1.15 * most)
+    axis.set_ylim(len(times) - 0.6, -0.75)
     axis.xaxis.set_visible(False)
-    axis.grid(False)
+    axis.yaxis.set_visible(False)
     axis.spines[["bottom", "left"]].set_visible(False)
 
 
 def draw_economy(numbers):
     """Found against bytes: keygraph's lines, and the rivals' points."""
     plt = pyplot()
-    figure, axis = plt.subplots(figsize=(7, 4.6), layout="constrained")
-    figure.get_layout_engine().set(rect=(0, 0.035, 1, 0.965))
+    figure, axis = plt.subplots(figsize=(8, 4.8), layout="constrained")
+    figure.get_layout_engine().set(rect=(0, 0.05, 1, 0.95))
+    per_cent_axis(axis)
+    for preset, most in PRESETS[:-1]:
+        axis.axvline(most / 1024, color="#888888", linewidth=1, linestyle=":")
+        axis.text(most / 1024, 2, f" {preset}", color="#555555", fontsize=10)
     for label, points in numbers["found"].items():
-        x = np.array(points["bytes"]) / 1024
-        y = 100 * np.array(points["all"])
+        x, y = np.array(points["bytes"]) / 1024, 100 * np.array(points["all"])
         style = STYLES["Keygraph large" if label == "Keygraph" else label]
-        axis.plot(x, y, **{**style, "markersize": 7 if len(x) == 1 else 5})
-        right = len(x) == 1 and x[0] < 100
-        axis.annotate(label, (x[-1], y[-1]), xytext=(9, 0) if not right else (9, 0), textcoords="offset points",
-                      va="center", color=style["color"], fontweight="bold")
+        axis.plot(x, y, **{**style, "markersize": 9 if len(x) == 1 else 5})
+        axis.annotate(label, (x[-1], y[-1]), xytext=(10, 0), textcoords="offset points", va="center",
+                      color=style["color"], fontweight="bold")
     axis.set_xscale("log")
     ticks = [32, 64, 128, 256, 512, 1024, 2048, 4096]
     axis.set_xticks(ticks, [f"{t} KB" if t < 1024 else f"{t // 1024} MB" for t in ticks])
     axis.minorticks_off()
-    axis.set_xlim(right=axis.get_xlim()[1] * 2.1)
+    axis.set_xlim(24, 10_000)
     axis.set_title("Objects found, % of frames, against the model's size")
-    per_cent_axis(axis)
     n = numbers["objects"] * numbers["frames"]
-    figure.text(0.015, 0.015, f"{numbers['objects']} objects, {n} frames of each of: {'; '.join(CONDITIONS)}.",
-                fontsize=9, color="#555555")
+    figure.text(0.015, 0.018, f"{numbers['objects']} objects, {n} rendered frames of each of: {'; '.join(CONDITIONS)}.",
+                fontsize=10, color="#555555")
     return figure
 
 
@@ -645,8 +667,7 @@ def keygraphs(args, folder):
 def curves(args, folder):
     """One factor after the other, for every detector."""
     if args.redraw:
-        with open(os.path.splitext(args.out)[0] + ".json", encoding="utf-8") as text:
-            numbers = json.load(text)
+        numbers = numbers_of(args.out)
         return save(draw_curves(numbers), numbers, args.out)
     objects = read_pictures(args.objects, 1, "objects")
     studio = Studio(folder, read_pictures(args.backgrounds, 3, "backgrounds"), args.seed)
@@ -683,8 +704,7 @@ SIZES = [32 << 10, 64 << 10, 128 << 10, 256 << 10, 512 << 10, 1 << 20, 1_500_000
 def economy(args, folder):
     """Models capped at one size after the other, over a mix of conditions."""
     if args.redraw:
-        with open(os.path.splitext(args.out)[0] + ".json", encoding="utf-8") as text:
-            numbers = json.load(text)
+        numbers = numbers_of(args.out)
         return save(draw_economy(numbers), numbers, args.out)
     objects = read_pictures(args.objects, 1, "objects")
     studio = Studio(folder, read_pictures(args.backgrounds, 3, "backgrounds"), args.seed)
@@ -709,7 +729,8 @@ def economy(args, folder):
     numbers = {"objects": len(objects), "frames": args.frames, "seed": args.seed, "found": {}}
     for label, detectors in lines.items():
         sizes = [median_size(d, objects) for d in detectors]
-        kept = [i for i, s in enumerate(sizes) if s is not None]
+        # Caps that nothing can be trained under, or that cap nothing any more, say nothing.
+        kept = [i for i, s in enumerate(sizes) if s is not None and s not in sizes[:i]]
         points = {"bytes": [sizes[i] for i in kept], "all": (found[label][kept].mean(axis=1) / shown).tolist()}
         for c, condition in enumerate(CONDITIONS):
             points[condition] = (found[label][kept, c] / shown).tolist()
@@ -783,7 +804,7 @@ def calibration(args, folder):
     studio = Studio(folder, read_pictures(args.backgrounds, 3, "backgrounds"), args.seed)
     detector = Keygraph("calibration", args.keygraph, folder, args.train, threads=2, threshold=0.0)
     scored = []              # (score, right)
-    progress = Progress(2 * args.frames * len(objects) + sum(len(f.quads) for f in frames), "searches")
+    progress = Progress(2 * args.frames * len(objects) + sum(q is not None for f in frames for q in f.quads.values()), "searches")
 
     def ask(picture, shot):
         for frame, search in zip(shot, try_search(detector, picture, shot)):
