@@ -33,7 +33,8 @@ Rivals: OpenCV's SIFT and ORB (1,000 features) with ratio test and RANSAC
 homography, on the same frames. Times are in-process, of one thread, from the
 decoded pixels to the outlines.
 
-Cost: a frame is rendered in about 40 ms, and searched in 10 to 150 ms.
+Cost: a frame is rendered in about 60 ms, and searched in 10 to 150 ms; `curves` takes
+some 20 minutes, `economy` 15, `false-alarms` an hour, the tables a few minutes.
 """
 
 import argparse
@@ -104,7 +105,8 @@ SWEEPS = [
     Sweep("tilt", "Tilt, degrees", (0, 10, 20, 30, 40, 50, 60, 70), (0, 20, 40, 60)),
     Sweep("occlusion", "Hidden, %", (0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6), (0, 0.2, 0.4, 0.6), percent=True),
     Sweep("blur", "Blur, px", (0.5, 1, 2, 3, 4, 5, 6), (0, 2, 4, 6)),
-    Sweep("light", "Light, % of plain", (0.05, 0.07, 0.1, 0.14, 0.2, 0.3, 0.5, 1.0), (0.05, 0.1, 0.2, 0.5, 1), True, True),
+    Sweep("light", "Light, % of plain", (0.05, 0.07, 0.1, 0.14, 0.2, 0.3, 0.5, 1), (0.05, 0.1, 0.2, 0.5, 1),
+          percent=True, log=True),
     Sweep("noise", "Noise, gray levels", (0, 5, 10, 15, 20, 30, 40), (0, 10, 20, 30, 40)),
     Sweep("cast", "Colour cast, ± %", (0, 0.1, 0.2, 0.3, 0.4, 0.5), (0, 0.2, 0.4), percent=True),
 ]
@@ -141,11 +143,15 @@ class Frame:
 
 
 def read_picture(path):
-    pixels = cv2.imread(path, cv2.IMREAD_COLOR)
+    try:
+        with open(path, "rb") as file:
+            data = file.read()
+    except OSError as e:
+        sys.exit(f"{path}: {e.strerror}")
+    pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if data else None
     if pixels is None:
-        sys.exit(f"{path}: not a picture that can be read")
-    with open(path, "rb") as data:
-        return Picture(path, pixels, hashlib.sha256(data.read()).hexdigest())
+        sys.exit(f"{path}: not a picture; give PNG or JPEG files")
+    return Picture(path, pixels, hashlib.sha256(data).hexdigest())
 
 
 def picture_paths(paths):
@@ -197,7 +203,9 @@ def read_truth(path):
                     continue
                 frame.quads[picture.digest] = None if f.get("train") else quad
                 frame.may_show.add(picture.digest)
-    except (json.JSONDecodeError, KeyError, TypeError, ValueError) as e:
+    except OSError as e:
+        sys.exit(f"{path}: {e.strerror}")
+    except (KeyError, TypeError, ValueError) as e:
         sys.exit(f"{path}: not a truth file ({type(e).__name__}: {e}); `--help` says what is in one")
     return list(pictures.values()), list(frames.values())
 
@@ -300,10 +308,13 @@ def render(rng, picture, background, patch, factors):
     # Blurred before it is made smaller, so that the warp skips nothing.
     w, h = picture.size
     shrink = math.sqrt(w * h / cv2.contourArea(np.float32(quad * SUPER)))
-    source = cv2.GaussianBlur(picture.pixels, (0, 0), 0.5 * math.sqrt(shrink**2 - 1)) if shrink > 1.05 else picture.pixels
+    source = picture.pixels
+    if shrink > 1.05:
+        source = cv2.GaussianBlur(source, (0, 0), 0.5 * math.sqrt(shrink**2 - 1))
     seen = cv2.warpPerspective(source, onto, size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     mask = cv2.warpPerspective(np.full((h, w), 255, np.uint8), onto, size, flags=cv2.INTER_LINEAR)
-    canvas = np.where(mask[..., None] > 127, seen, cover(rng, background.pixels, *size))
+    canvas = np.ascontiguousarray(cover(rng, background.pixels, *size))
+    cv2.copyTo(seen, cv2.compare(mask, 127, cv2.CMP_GT), canvas)
     if f["occlusion"] > 0:
         hide(rng, canvas, quad, f["occlusion"], patch.pixels)
 
@@ -367,7 +378,7 @@ class Keygraph:
 
     def __init__(self, label, command, folder, train=(), threads=1, threshold=THRESHOLD):
         if not os.path.exists(command):
-            sys.exit(f"{command} is not there: build it with `cargo build --release`, or say where it is with --keygraph")
+            sys.exit(f"{command} is not there: `cargo build --release` makes it; --keygraph says where else it is")
         self.label, self.command, self.folder, self.train = label, command, folder, list(train)
         self.threads, self.threshold = threads, threshold
         self.models = {}     # digest of the picture -> (path of the model, its bytes), or why it was refused
@@ -399,7 +410,7 @@ class Keygraph:
         done = subprocess.run(run + [f.path for f in frames], stdout=subprocess.PIPE, text=True, check=False)
         lines = [json.loads(line) for line in done.stdout.splitlines()]
         if done.returncode or len(lines) != len(frames):
-            sys.exit(f"`keygraph detect` read {len(lines)} of {len(frames)} frames and ended with {done.returncode}")
+            sys.exit(f"`keygraph detect` ended with {done.returncode}: {len(lines)} lines for {len(frames)} frames")
         searches = []
         for line in lines:
             detections = [Detection(d["score"], np.float64(d["corners"])) for d in line["detections"]]
@@ -475,9 +486,9 @@ def corner_error(corners, truth):
     return float(np.linalg.norm(corners - truth, axis=1).mean())
 
 
-def is_right(detection, truth):
-    size = math.sqrt(abs(cv2.contourArea(np.float32(truth))))
-    return corner_error(detection.corners, truth) < FOUND * size
+def relative_error(corners, truth):
+    """The same, as a share of the object's size."""
+    return corner_error(corners, truth) / math.sqrt(abs(cv2.contourArea(np.float32(truth))))
 
 
 def judge(search, truth):
@@ -485,10 +496,17 @@ def judge(search, truth):
     second one there is not. `truth` is None where the object is not."""
     verdicts, seen = [], False
     for d in search.detections:
-        right = truth is not None and not seen and is_right(d, truth)
+        right = truth is not None and not seen and relative_error(d.corners, truth) < FOUND
         seen |= right
         verdicts.append(right)
     return verdicts
+
+
+def keep(folder, name, frame):
+    """Copies a frame that is worth a look, if a folder for such is given."""
+    if folder:
+        os.makedirs(folder, exist_ok=True)
+        shutil.copy(frame.path, os.path.join(folder, f"{name}-{os.path.basename(frame.path)}"))
 
 
 def try_search(detector, picture, frames):
@@ -533,9 +551,11 @@ INK, PALE = "#222222", "#DDDDDD"
 
 
 def pyplot():
-    """matplotlib, drawing into files, in our style."""
-    import matplotlib
-
+    """matplotlib, drawing into files, in our style. Only the figures need it."""
+    try:
+        import matplotlib
+    except ImportError:
+        sys.exit("matplotlib is missing: pip install matplotlib")
     matplotlib.use("Agg")
     from matplotlib import pyplot as plt
 
@@ -564,6 +584,14 @@ def numbers_of(path):
             return json.load(text)
     except FileNotFoundError:
         sys.exit(f"{numbers} is not there: run once without --redraw")
+
+
+def check_figure(path):
+    """Ends the program before the work when the figure could not be drawn after it."""
+    pyplot()
+    folder = os.path.dirname(os.path.abspath(path))
+    if not os.path.isdir(folder):
+        sys.exit(f"cannot write {path}: the folder {folder} does not exist")
 
 
 def save(figure, numbers, path):
@@ -606,9 +634,10 @@ def draw_curves(numbers):
     figure.legend(handles, names, loc="upper left", bbox_to_anchor=(0.003, 0.955), ncols=len(names), frameon=False,
                   fontsize=12.5, handlelength=2.4, columnspacing=1.8)
     n = numbers["objects"] * numbers["frames"]
-    figure.text(0.012, 0.012, f"{numbers['objects']} objects, {n} rendered frames of {WIDTH}x{HEIGHT} px a point, good to "
-                f"±{98 / math.sqrt(n):.0f} % at worst. What a panel does not name is plain: scale 0.5 to 1, any rotation, tilt to "
-                "20 degrees.\nBlur and noise: standard deviation. Lines that coincide are drawn side by side.",
+    figure.text(0.012, 0.012, f"{numbers['objects']} objects, {n} rendered frames of {WIDTH}x{HEIGHT} px a point, "
+                f"good to ±{98 / math.sqrt(n):.0f} % at worst. What a panel does not name is plain: scale 0.5 to 1, "
+                "any rotation, tilt to 20 degrees.\nBlur and noise: standard deviation. "
+                "Lines that coincide are drawn side by side.",
                 fontsize=10.5, color="#555555", linespacing=1.4)
     return figure
 
@@ -669,6 +698,7 @@ def curves(args, folder):
     if args.redraw:
         numbers = numbers_of(args.out)
         return save(draw_curves(numbers), numbers, args.out)
+    check_figure(args.out)
     objects = read_pictures(args.objects, 1, "objects")
     studio = Studio(folder, read_pictures(args.backgrounds, 3, "backgrounds"), args.seed)
     detectors = keygraphs(args, folder) + [Rival("SIFT"), Rival("ORB")]
@@ -706,6 +736,7 @@ def economy(args, folder):
     if args.redraw:
         numbers = numbers_of(args.out)
         return save(draw_economy(numbers), numbers, args.out)
+    check_figure(args.out)
     objects = read_pictures(args.objects, 1, "objects")
     studio = Studio(folder, read_pictures(args.backgrounds, 3, "backgrounds"), args.seed)
     lines = {"Keygraph": [], "Keygraph luma": [], "SIFT": [Rival("SIFT")], "ORB": [Rival("ORB")]}
@@ -767,8 +798,8 @@ def precision(args, folder):
                     shifts[detector.label].append((corners - truth).mean(axis=0))
         studio.clear(shot)
         progress.add(len(shot))
-    print(f"| scale {args.scale:g} | found of {len(objects) * args.frames} | median, px | 90th percentile, px | mean shift x, y, px |")
-    print("| --- | --- | --- | --- | --- |")
+    print(f"| scale {args.scale:g} | found of {len(objects) * args.frames} | median, px | 90th percentile, px | "
+          "mean shift x, y, px |\n| --- | --- | --- | --- | --- |")
     for label, e in errors.items():
         if not e:
             print(f"| {label} | 0 | | | |")
@@ -803,13 +834,19 @@ def calibration(args, folder):
     objects, frames = gather(args.truth, read_pictures(args.objects, 2, "objects"))
     studio = Studio(folder, read_pictures(args.backgrounds, 3, "backgrounds"), args.seed)
     detector = Keygraph("calibration", args.keygraph, folder, args.train, threads=2, threshold=0.0)
-    scored = []              # (score, right)
-    progress = Progress(2 * args.frames * len(objects) + sum(q is not None for f in frames for q in f.quads.values()), "searches")
+    scored, wrong = [], []   # (score, right) of all; (score, where) of the wrong ones that would be told
+    given = sum(quad is not None for f in frames for quad in f.quads.values())
+    progress = Progress(given + 2 * args.frames * len(objects), "searches")
 
     def ask(picture, shot):
         for frame, search in zip(shot, try_search(detector, picture, shot)):
-            verdicts = judge(search, frame.quads.get(picture.digest))
-            scored.extend((d.score, v) for d, v in zip(search.detections, verdicts))
+            truth = frame.quads.get(picture.digest)
+            for d, right in zip(search.detections, judge(search, truth)):
+                scored.append((d.score, right))
+                if d.score >= THRESHOLD and not right:
+                    why = "not there" if truth is None else f"off by {100 * relative_error(d.corners, truth):.0f} %"
+                    wrong.append((d.score, f"{picture.name} in {os.path.basename(frame.path)}, {why}"))
+                    keep(args.keep, picture.name, frame)
         progress.add(len(shot))
 
     for i, picture in enumerate(objects):
@@ -828,6 +865,8 @@ def calibration(args, folder):
                 break
         studio.clear(shot)
     print_reliability(scored, args.bins)
+    for score, where in sorted(wrong, reverse=True):
+        print(f"wrong: {score:.3f}, {where}")
 
 
 def print_reliability(scored, bins):
@@ -838,16 +877,18 @@ def print_reliability(scored, bins):
     at = np.minimum((score * bins).astype(int), bins - 1)
     print("| score | detections | mean score | share right |")
     print("| --- | --- | --- | --- |")
-    gap = 0.0
+    gaps = np.zeros(bins)
     for b in range(bins):
         inside = at == b
         if inside.any():
             mean, share = score[inside].mean(), right[inside].mean()
-            gap += inside.mean() * abs(mean - share)
+            gaps[b] = abs(mean - share)
             print(f"| {b / bins:.2f} to {(b + 1) / bins:.2f} | {inside.sum():,} | {mean:.3f} | {share:.3f} |")
-    above = score >= THRESHOLD
-    print(f"\nMean gap between score and share right: {gap:.3f}. At {THRESHOLD:g} and above: {above.sum():,} detections, "
-          f"{(~right[above]).sum():,} wrong ({100 * (~right[above]).mean() if above.any() else 0:.2f} %).")
+    told = score >= THRESHOLD
+    wrong = (~right[told]).sum()
+    above = gaps[at[at > 0]].mean() if (at > 0).any() else 0.0
+    print(f"\nMean gap between score and share right: {gaps[at].mean():.3f}, above the lowest bin {above:.3f}. "
+          f"At {THRESHOLD:g} and above: {told.sum():,} detections, {wrong:,} wrong ({100 * wrong / max(1, told.sum()):.2f} %).")
 
 
 BATCH = 100                  # rendered frames on disk at once
@@ -877,13 +918,10 @@ def false_alarms(args, folder):
                 worst = max((d.score for d in search.detections), default=0.0)
                 if worst >= THRESHOLD:
                     alarms.append((worst, picture.name, kind, os.path.basename(frame.path)))
-                    if args.keep:
-                        shutil.copy(frame.path, os.path.join(args.keep, f"{picture.name}-{os.path.basename(frame.path)}"))
+                    keep(args.keep, picture.name, frame)
             asked[kind] += len(absent)
             progress.add(len(absent))
 
-    if args.keep:
-        os.makedirs(args.keep, exist_ok=True)
     for i in range(0, len(frames), BATCH):
         ask("given", frames[i : i + BATCH])
     rng, n = np.random.default_rng(args.seed), 0
@@ -905,8 +943,8 @@ def print_alarms(scores, alarms, asked, threshold):
     # Upper 95 % limit of a Poisson count (Byar's approximation; exactly 3.0 at none).
     k = false + 1
     limit = 3.0 if false == 0 else k * (1 - 1 / (9 * k) + 1.645 / (3 * math.sqrt(k))) ** 3
-    print(f"{pairs:,} pairs of frame and object not in it ({asked['given']:,} on frames given, {asked['rendered']:,} on "
-          f"rendered ones): {false} detections at {THRESHOLD:g} and above; with 95 % certainty fewer than one in "
+    print(f"{pairs:,} pairs of frame and object not in it ({asked['given']:,} on frames given, "
+          f"{asked['rendered']:,} on rendered ones): {false} detections at {THRESHOLD:g} and above; with 95 % certainty fewer than one in "
           f"{pairs / limit:,.0f} pairs.\n")
     print("| score | detections | per 10,000 pairs |\n| --- | --- | --- |")
     for b in range(20):
@@ -947,11 +985,14 @@ def parser():
         c.add_argument("--redraw", action="store_true", help="only draw anew, from the numbers of an earlier run")
 
     def trained(c):
+        c.add_argument("--keep", metavar="DIR", help="copy the frames with wrong detections here")
         c.add_argument("--train", type=str.split, default=[], metavar="OPTIONS",
                        help="options of `keygraph train`, as one word: --train='--preset standard'")
 
-    figure(command(curves, "Found, against scale, rotation, tilt, occlusion, light", (8, "a point and object")), "curves.png")
-    figure(command(economy, "Found, against the model's size", (12, "a condition and object")), "economy.png")
+    c = command(curves, "Found, against scale, rotation, tilt, occlusion, light", (8, "a point and object"))
+    figure(c, "curves.png")
+    c = command(economy, "Found, against the model's size", (12, "a condition and object"))
+    figure(c, "economy.png")
     c = command(precision, "Corner error in px", (40, "an object"))
     c.add_argument("--scale", type=float, default=1.0)
     c = command(calibration, "Score, against the share of right detections", (100, "an object"))
@@ -963,8 +1004,8 @@ def parser():
                    help="truth files; frames or folders of frames that show none of the objects")
     c.add_argument("--pairs", type=positive, default=30_000, metavar="N",
                    help="frames are rendered until there are so many pairs of frame and object [default: 30000]")
-    c.add_argument("--threshold", type=float, default=0.05, metavar="S", help="least score that is counted [default: 0.05]")
-    c.add_argument("--keep", metavar="DIR", help="copy the frames of false alarms here")
+    c.add_argument("--threshold", type=float, default=0.05, metavar="S",
+                   help="least score that is counted [default: 0.05]")
     trained(c)
     return p
 

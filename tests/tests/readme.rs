@@ -26,10 +26,10 @@ fn sizes_of_the_detectors() {
     assert!(missing.is_empty(), "README.md lacks these rows of its memory table:\n{missing:#?}");
 }
 
-/// Both commands that it gives exist.
+/// The scripts that it gives exist.
 #[test]
 fn commands_exist() {
-    for command in ["scripts/demo", "scripts/test"] {
+    for command in ["scripts/demo", "scripts/test", "scripts/evaluate.py"] {
         let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(command);
         assert!(README.contains(command) && path.is_file(), "{command}");
     }
