@@ -888,7 +888,8 @@ def print_reliability(scored, bins):
     wrong = (~right[told]).sum()
     above = gaps[at[at > 0]].mean() if (at > 0).any() else 0.0
     print(f"\nMean gap between score and share right: {gaps[at].mean():.3f}, above the lowest bin {above:.3f}. "
-          f"At {THRESHOLD:g} and above: {told.sum():,} detections, {wrong:,} wrong ({100 * wrong / max(1, told.sum()):.2f} %).")
+          f"At {THRESHOLD:g} and above: {told.sum():,} detections, {wrong:,} wrong "
+          f"({100 * wrong / max(1, told.sum()):.2f} %).")
 
 
 BATCH = 100                  # rendered frames on disk at once
@@ -944,8 +945,8 @@ def print_alarms(scores, alarms, asked, threshold):
     k = false + 1
     limit = 3.0 if false == 0 else k * (1 - 1 / (9 * k) + 1.645 / (3 * math.sqrt(k))) ** 3
     print(f"{pairs:,} pairs of frame and object not in it ({asked['given']:,} on frames given, "
-          f"{asked['rendered']:,} on rendered ones): {false} detections at {THRESHOLD:g} and above; with 95 % certainty fewer than one in "
-          f"{pairs / limit:,.0f} pairs.\n")
+          f"{asked['rendered']:,} on rendered ones): {false} detections at {THRESHOLD:g} and above; "
+          f"with 95 % certainty fewer than one in {pairs / limit:,.0f} pairs.\n")
     print("| score | detections | per 10,000 pairs |\n| --- | --- | --- |")
     for b in range(20):
         low, high = b / 20, (b + 1) / 20
