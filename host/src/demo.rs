@@ -15,15 +15,12 @@ use crate::gallery::Gallery;
 use crate::input::{Source, read_picture};
 use crate::learn::{Preset, merge, train};
 use crate::progress::Progress;
+use crate::render::{RIGHT, corner_error};
 use crate::run::{Options, default_threads, run};
 use crate::search::Profile;
 
 /// The objects of the sequence; each has a picture of its name.
 pub const OBJECTS: [&str; 2] = ["astronaut", "coffee"];
-
-/// A detection is right when its corners lie on average within this part of the
-/// object's size from the truth.
-const RIGHT: f32 = 0.1;
 
 /// How one object fared.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -91,7 +88,7 @@ pub fn demo(assets: &Path, out: &Path) -> Result<[Tally; 2]> {
             let object = model.object(o);
             let quad = h.map(|h| h.outline(object.width as f32, object.height as f32));
             let mine = searched.found.detections.iter().filter(|d| usize::from(d.object) == o);
-            let right = mine.clone().any(|d| quad.is_some_and(|q| error(&d.corners, &q) < RIGHT));
+            let right = mine.clone().any(|d| quad.is_some_and(|q| corner_error(&d.corners, &q) < RIGHT));
             tally.shown += usize::from(quad.is_some());
             tally.found += usize::from(right);
             tally.wrong += mine.count() - usize::from(right);
@@ -129,11 +126,4 @@ pub fn demo(assets: &Path, out: &Path) -> Result<[Tally; 2]> {
 fn true_pose(v: &Value) -> Option<keygraph_core::geometry::Homography> {
     let v: Vec<f32> = v.as_array()?.iter().filter_map(Value::as_f64).map(|f| f as f32).collect();
     v.try_into().ok().map(keygraph_core::geometry::Homography)
-}
-
-/// Mean distance of corners, in sizes of the true outline.
-fn error(corners: &[[f32; 2]; 4], truth: &[[f32; 2]; 4]) -> f32 {
-    let size = keygraph_core::geometry::area(truth).abs().sqrt();
-    let distance = |(a, b): (&[f32; 2], &[f32; 2])| (a[0] - b[0]).hypot(a[1] - b[1]);
-    corners.iter().zip(truth).map(distance).sum::<f32>() / 4.0 / size
 }

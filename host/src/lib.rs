@@ -10,6 +10,9 @@
 //! - [`margins`]: plain surroundings of a picture
 //! - [`pose`]: where detections are in space
 //! - [`learn`]: one picture into a model; models into one
+//! - [`render`]: frames of pictures in poses that are known
+//! - [`heat`]: which parts of a picture carry keygraphs
+//! - [`assess`]: how well a picture will be found, before it is used
 //! - [`report`]: results as JSON
 //! - [`run`], [`gallery`]: many frames at once, and where their pictures go
 //! - [`demo`]: the whole path on the pictures of the repository
@@ -24,6 +27,9 @@ pub mod search;
 pub mod margins;
 pub mod pose;
 pub mod learn;
+pub mod render;
+pub mod heat;
+pub mod assess;
 pub mod report;
 pub mod run;
 pub mod gallery;

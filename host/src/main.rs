@@ -1,4 +1,5 @@
-//! The command line: `keygraph train`, `pack`, `inspect`, `detect`, `demo`.
+//! The command line: `keygraph train`, `pack`, `inspect`, `assess`,
+//! `detect`, `demo`.
 //!
 //! Exit status 0 when all went well, 1 when something could not be read, trained
 //! or written (what could be done is done), 2 for a wrong command line.
@@ -8,14 +9,16 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use clap::error::ErrorKind;
 use clap::{CommandFactory, Parser, Subcommand};
+use keygraph::assess::{self, Assessment, Cell, assess, frames};
 use keygraph::gallery::Gallery;
+use keygraph::heat::Heat;
 use keygraph::input::{Picture, Source};
-use keygraph::learn::{Preset, has_colour, merge, train_within};
+use keygraph::learn::{Preset, has_colour, merge, train, train_within};
 use keygraph::margins::within_margins;
-use keygraph::picture::{Framed, Part, read_framed};
+use keygraph::picture::{Framed, Part, read_framed, read_picture};
 use keygraph::pose::{Calibration, Width, parse_intrinsics};
 use keygraph::progress::Progress;
 use keygraph::run::{Options, Searched, default_threads, run};
@@ -24,8 +27,8 @@ use keygraph::{demo, report};
 use keygraph_core::camera::{Intrinsics, PlanePose};
 use keygraph_core::detect::DEFAULT_THRESHOLD;
 use keygraph_core::feature::FeatureKind;
-use keygraph_core::model::{Method, Model, NAME_BYTES};
-use keygraph_core::train::Trained;
+use keygraph_core::model::{MAGIC, Method, Model, NAME_BYTES};
+use keygraph_core::train::{TrainError, Trained};
 use keygraph_core::write::PackError;
 
 /// Finds planar objects (books, posters, boxes, signs) in camera frames from one
@@ -82,6 +85,42 @@ enum Command {
         /// Print it as one JSON object
         #[arg(long)]
         json: bool,
+    },
+    /// Tell how well a picture will be found, before it is used
+    ///
+    /// Renders frames that show the picture over a range of scale, rotation, tilt,
+    /// blur, darkness and noise, searches them, and gives a score from 0 to 100,
+    /// the table behind it, and what limits it.
+    Assess {
+        /// Picture of the object, or a model
+        #[arg(value_name = "PICTURE|MODEL.kgm")]
+        input: PathBuf,
+        /// The picture that the model was made from, to assess that very model; one
+        /// for each object of it, in order
+        #[arg(long, value_name = "PICTURE")]
+        picture: Vec<PathBuf>,
+        /// How much the model of the picture holds
+        #[arg(long, value_enum, default_value = "large")]
+        preset: Preset,
+        /// For cameras without colour
+        #[arg(long)]
+        luma: bool,
+        /// Size of the frames
+        #[arg(long, value_enum, default_value = "vga")]
+        profile: Profile,
+        /// Frames for each field of the table
+        #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u16).range(1..=1000))]
+        views: u16,
+        /// Frames searched at once [default: one a processor, at most 8]
+        #[arg(long, value_parser = clap::value_parser!(u8).range(1..=MAX_THREADS as i64))]
+        threads: Option<u8>,
+        /// Print one JSON line an object
+        #[arg(long)]
+        json: bool,
+        /// Picture to write: bright where the object's keygraphs hold, dark where
+        /// nothing does
+        #[arg(long, value_name = "FILE")]
+        annotate: Option<PathBuf>,
     },
     /// Find the objects of models in pictures, folders, videos or a stream
     Detect {
@@ -164,6 +203,11 @@ fn dispatch(command: Command) -> Result<ExitCode> {
         }
         Command::Pack { models, output } => pack_all(&models, &output)?,
         Command::Inspect { model, json } => inspect(&model, json)?,
+        Command::Assess { input, picture, preset, luma, profile, views, threads, json, annotate } => {
+            let threads = threads.map_or_else(default_threads, usize::from);
+            let options = assess::Options { profile, views: usize::from(views), threads };
+            assess_all(&input, &picture, (preset, luma), &options, json, annotate.as_deref())?;
+        }
         Command::Detect { models, inputs, json, annotate, profile, threshold, threads, intrinsics, width_mm } => {
             let options = Options {
                 profile,
@@ -206,8 +250,7 @@ fn train_one(
         (false, _) if !luma => eprintln!("keygraph: {} has no colour: trained on luma alone", picture.display()),
         _ => {}
     }
-    let name = name
-        .unwrap_or_else(|| picture.file_stem().map_or_else(|| "object".into(), |s| s.to_string_lossy().into_owned()));
+    let name = name.unwrap_or_else(|| name_of(picture));
     let (bytes, trained) = train_within(&pixels, &name, preset, luma, bytes.unwrap_or(preset.bytes()))
         .with_context(|| format!("cannot train on {}", picture.display()))?;
     fs::write(output, &bytes).with_context(|| format!("cannot write {}", output.display()))?;
@@ -242,6 +285,11 @@ fn tell_framing(framed: &Framed, path: &Path, cropped: bool) {
             m.height
         );
     }
+}
+
+/// What an object is called if nothing else is said.
+fn name_of(picture: &Path) -> String {
+    picture.file_stem().map_or_else(|| "object".into(), |s| s.to_string_lossy().into_owned())
 }
 
 /// Says on standard error what makes a model less useful than it looks.
@@ -354,6 +402,112 @@ fn inspect(path: &Path, json: bool) -> Result<()> {
         print(&format!("object     {}, {}x{} px, {} keypoints", o.name, o.width, o.height, o.keypoints))?;
     }
     print(&model_report(&model, path))
+}
+
+fn assess_all(
+    input: &Path,
+    pictures: &[PathBuf],
+    (preset, luma): (Preset, bool),
+    options: &assess::Options,
+    json: bool,
+    annotate: Option<&Path>,
+) -> Result<()> {
+    let inputs: Vec<&Path> = pictures.iter().map(PathBuf::as_path).chain([input]).collect();
+    if let Some(path) = annotate {
+        check_annotated(path, &inputs)?;
+    }
+    let show = |a: &Assessment| print(&if json { report::assessment_object(a).to_string() } else { assessed(a) });
+    let draw = |heat: &Heat, picture: &Picture| annotate.map_or(Ok(()), |path| heat.draw(picture).save(path));
+    let is_model = fs::read(input).is_ok_and(|bytes| bytes.starts_with(&MAGIC));
+    let (bytes, pictures) = if is_model {
+        let pictures = pictures.iter().map(|p| read_picture(p)).collect::<Result<Vec<_>>>()?;
+        (load(&[input.to_path_buf()])?, pictures)
+    } else {
+        ensure!(pictures.is_empty(), "--picture goes with a model, and {} is none: leave it out", input.display());
+        let picture = read_picture(input)?;
+        let name = name_of(input);
+        match train(&picture, &name, preset, luma) {
+            Ok((model, _)) => (model, vec![picture]),
+            // That a picture cannot be used at all is an answer too.
+            Err(e) if e.is::<TrainError>() => {
+                show(&Assessment::refused(&name, &e.to_string()))?;
+                return draw(&Heat::new(picture.width, picture.height), &picture);
+            }
+            Err(e) => return Err(e.context(format!("cannot train on {}", input.display()))),
+        }
+    };
+    let model = Model::parse(&bytes)?;
+    let objects = model.objects();
+    ensure!(
+        pictures.is_empty() || pictures.len() == objects,
+        "the model has {objects} objects and {} pictures were given: give --picture once for each, in the order of `keygraph inspect`",
+        pictures.len()
+    );
+    if annotate.is_some() {
+        ensure!(!pictures.is_empty(), "--annotate draws on the picture that the model was made from: give --picture");
+        ensure!(objects == 1, "--annotate takes one object and the model has {objects}: assess them one by one");
+    }
+    let progress = Progress::new(Some((pictures.len() * frames(options.views)) as u64), "frames");
+    for index in 0..objects {
+        let picture = pictures.get(index);
+        let assessment = assess(&model, index, picture, options, || progress.tick())?;
+        progress.aside(|| show(&assessment))?;
+        if let (Some(sweep), Some(picture)) = (&assessment.sweep, picture) {
+            draw(&sweep.heat, picture)?;
+        }
+    }
+    progress.finish();
+    if pictures.is_empty() {
+        eprintln!("keygraph: a model holds no picture to render: for the score and the table, give --picture");
+    }
+    Ok(())
+}
+
+/// What would only fail after the frames are searched is said before.
+fn check_annotated(path: &Path, inputs: &[&Path]) -> Result<()> {
+    let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase());
+    ensure!(
+        matches!(extension.as_deref(), Some("png" | "jpg" | "jpeg")),
+        "--annotate {} is no picture: its name must end with .png, .jpg or .jpeg",
+        path.display()
+    );
+    if let Some(folder) = path.parent().filter(|f| !f.as_os_str().is_empty() && !f.is_dir()) {
+        bail!("cannot write {}: the folder {} does not exist", path.display(), folder.display());
+    }
+    let is_input =
+        fs::canonicalize(path).is_ok_and(|p| inputs.iter().any(|i| fs::canonicalize(i).is_ok_and(|i| i == p)));
+    ensure!(!is_input, "--annotate would overwrite the input {}: give another name", path.display());
+    Ok(())
+}
+
+/// An assessment in words.
+fn assessed(a: &Assessment) -> String {
+    let mut lines = vec![format!("object     {}", a.name)];
+    if let Some(s) = &a.structure {
+        let feature = if s.luma_only { "luma alone" } else { "luma and chroma" };
+        lines[0] +=
+            &format!(", {}x{} px, {} keypoints, {} keygraphs, {feature}", s.size.0, s.size.1, s.keypoints, s.keygraphs);
+    }
+    if let Some(score) = a.score {
+        lines.push(format!("score      {score} of 100"));
+    }
+    if let Some(sweep) = &a.sweep {
+        for row in &sweep.rows {
+            let cell = |c: &Cell| format!("{} {}: {:.0} %", c.value, row.condition.unit(), c.rate(sweep.views) * 100.0);
+            let cells = row.cells.iter().map(cell).collect::<Vec<_>>().join("   ");
+            lines.push(format!("{:10} {cells}", row.condition.name()));
+        }
+        lines.push(format!("wrong      {} outlines in {} frames", sweep.wrong, frames(sweep.views)));
+    }
+    let mut head = "limits";
+    for limit in &a.limits {
+        lines.push(format!("{head:10} {}", limit.text));
+        head = "";
+    }
+    if a.limits.is_empty() {
+        lines.push(format!("{head:10} none"));
+    }
+    lines.join("\n")
 }
 
 fn detect(

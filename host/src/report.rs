@@ -5,6 +5,7 @@ use keygraph_core::capacity::Stage;
 use keygraph_core::model::{Method, Model};
 use serde_json::{Map, Value, json};
 
+use crate::assess::{Assessment, Row, Structure, Sweep};
 use crate::search::Found;
 
 /// A number with `digits` decimals.
@@ -113,5 +114,36 @@ pub fn model_object(model: &Model<'_>) -> Value {
         "feature": model.feature().name(),
         "views": model.views(),
         "method": method_name(model),
+    })
+}
+
+/// What `assess --json` prints for one object.
+#[must_use]
+pub fn assessment_object(a: &Assessment) -> Value {
+    let cells = |row: &Row| row.cells.iter().map(|c| json!({"value": c.value, "found": c.found})).collect::<Vec<_>>();
+    let table = |s: &Sweep| {
+        let row = |r: &Row| json!({"condition": r.condition.name(), "unit": r.condition.unit(), "rate": rounded(r.rate(s.views), 4), "cells": cells(r)});
+        s.rows.iter().map(row).collect::<Vec<_>>()
+    };
+    let structure = |s: &Structure| {
+        json!({
+            "keypoints": s.keypoints,
+            "keygraphs": s.keygraphs,
+            "spread": rounded(s.spread, 3),
+            "contrast": rounded(s.contrast, 1),
+            "repetition": rounded(s.repetition, 3),
+            "width": s.size.0,
+            "height": s.size.1,
+            "luma_only": s.luma_only,
+        })
+    };
+    json!({
+        "object": a.name,
+        "score": a.score,
+        "views": a.sweep.as_ref().map(|s| s.views),
+        "table": a.sweep.as_ref().map(table),
+        "wrong": a.sweep.as_ref().map(|s| s.wrong),
+        "structure": a.structure.as_ref().map(structure),
+        "limits": a.limits.iter().map(|l| json!({"kind": l.kind, "text": l.text})).collect::<Vec<_>>(),
     })
 }

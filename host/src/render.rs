@@ -1,0 +1,484 @@
+//! Renders camera frames of pictures, with poses that are known.
+//!
+//! In: pictures, a pose for each, what the light and the camera do, and a seed.
+//! Out: a frame, and for each picture the homography from its pixels to the
+//! frame's. The pose goes through a pinhole camera, so that tilt shortens the far
+//! side more than the near one; pictures are averaged over the area that a pixel
+//! covers, so that small ones do not alias. Behind them lie dead leaves: disks and
+//! rectangles, each over the ones before, as many of side r as r^-3 says, which
+//! gives the edges at all scales that photographs have (A. Lee, D. Mumford, J.
+//! Huang, *Occlusion Models for Natural Images*, 2001).
+//!
+//! The same seed gives the same bytes on every machine: random numbers are our
+//! own, floats see + - x / and square roots, which are rounded exactly, and
+//! [`keygraph_core::math`].
+//!
+//! Memory: 12 bytes a frame pixel, twice while it is blurred. Cost: some 20 ms a
+//! frame of 640 x 480 px, half of it the leaves.
+
+use keygraph_core::geometry::{Homography, area};
+use keygraph_core::math;
+use keygraph_core::shrink::shrink;
+
+use crate::annotate::Canvas;
+use crate::input::{Picture, Pixels};
+use crate::search::{Profile, fit};
+
+/// A detection is right when its corners lie on average within this part of the
+/// object's size from the truth.
+pub const RIGHT: f32 = 0.1;
+
+/// Mean distance of `corners` from the true ones, as a part of the object's size:
+/// the square root of the true outline's area.
+#[must_use]
+pub fn corner_error(corners: &[[f32; 2]; 4], truth: &[[f32; 2]; 4]) -> f32 {
+    let size = area(truth).abs().sqrt();
+    let distance = |(a, b): (&[f32; 2], &[f32; 2])| length(a[0] - b[0], a[1] - b[1]);
+    corners.iter().zip(truth).map(distance).sum::<f32>() / 4.0 / size
+}
+
+fn length(x: f32, y: f32) -> f32 {
+    (x * x + y * y).sqrt()
+}
+
+// ------------------------------------------------------------ random numbers
+
+/// Random numbers, the same on every machine: splitmix64 (G. Steele, D. Lea,
+/// C. Flood, *Fast Splittable Pseudorandom Number Generators*, 2014).
+#[derive(Clone, Debug)]
+pub struct Random(u64);
+
+impl Random {
+    /// The sequence of this seed.
+    #[must_use]
+    pub const fn new(seed: u64) -> Self {
+        Self(seed)
+    }
+
+    /// A sequence of its own for every list of numbers.
+    #[must_use]
+    pub fn of(numbers: &[u64]) -> Self {
+        Self(numbers.iter().fold(0, |state, &n| Self(state ^ n).bits()))
+    }
+
+    /// 64 random bits.
+    pub const fn bits(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let z = (self.0 ^ self.0 >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ z >> 31
+    }
+
+    /// Evenly from 0 to 1, without 1: 24 bits, which a float holds exactly.
+    pub const fn unit(&mut self) -> f32 {
+        (self.bits() >> 40) as f32 / 16_777_216.0
+    }
+
+    /// Evenly from `low` to `high`.
+    pub const fn between(&mut self, low: f32, high: f32) -> f32 {
+        low + (high - low) * self.unit()
+    }
+
+    /// Nearly Gaussian, of spread 1: the sum of four even ones, at most 3.5.
+    pub fn normal(&mut self) -> f32 {
+        let bits = self.bits();
+        let sum: u64 = (0..4).map(|i| bits >> (16 * i) & 0xffff).sum();
+        (sum as f32 / 65_535.0 - 2.0) * 1.732_050_8
+    }
+}
+
+// --------------------------------------------------------------------- poses
+
+/// Where a picture stands before the camera.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pose {
+    /// Longer side of the picture seen from the front, frame px.
+    pub side_px: f32,
+    /// Turn in its own plane, clockwise on the screen, degrees.
+    pub rotation_deg: f32,
+    /// Angle between its normal and the line of sight to its middle, degrees;
+    /// below 80.
+    pub tilt_deg: f32,
+    /// Direction of the axis that it is tilted about, degrees from the frame's x
+    /// axis.
+    pub axis_deg: f32,
+    /// Where the picture's middle is seen, frame px.
+    pub centre: [f32; 2],
+}
+
+impl Pose {
+    /// Picture px to frame px, for a picture of `size` px (width, height) and a
+    /// camera of focal length `focal_px`, whose optical axis meets the picture's
+    /// middle: elsewhere in the frame the picture is seen as in a part cut from a
+    /// larger frame.
+    #[must_use]
+    pub fn homography(&self, size: (f32, f32), focal_px: f32) -> Homography {
+        let turn = |deg: f32| math::sin_cos(deg.to_radians());
+        let ((sin_t, cos_t), (sin_a, cos_a)) = (turn(self.tilt_deg), turn(self.axis_deg));
+        let (sin, cos) = turn(self.rotation_deg - self.axis_deg);
+        // Turn within the axis' frame, tilt about the axis, turn the axis back.
+        let column = |x: f32, y: f32| [cos_a * x - sin_a * y * cos_t, sin_a * x + cos_a * y * cos_t, y * sin_t];
+        let (u, v) = (column(cos, sin), column(-sin, cos));
+        let f = focal_px;
+        let camera = Homography([f * u[0], f * v[0], 0.0, f * u[1], f * v[1], 0.0, u[2], v[2], f]);
+        let s = self.side_px / size.0.max(size.1);
+        let plane = Homography::affine([s, 0.0, -s * (size.0 - 1.0) / 2.0, 0.0, s, -s * (size.1 - 1.0) / 2.0]);
+        let place = Homography::affine([1.0, 0.0, self.centre[0], 0.0, 1.0, self.centre[1]]);
+        place.after(&camera).after(&plane).normalised()
+    }
+}
+
+// ------------------------------------------------------------------ pictures
+
+/// A picture to be rendered.
+#[derive(Clone, Debug)]
+pub struct Print {
+    /// Width and height of the picture, px.
+    size: (f32, f32),
+    /// Width and height of the copy that is rendered, px.
+    width: usize,
+    height: usize,
+    rgb: Vec<u8>,
+}
+
+impl Print {
+    /// Takes a copy of `picture`; of one larger than any frame, scaled down.
+    #[must_use]
+    pub fn new(picture: &Picture) -> Self {
+        let (side, pixels) = Profile::Hd.limits();
+        let scaled = fit(picture, side, pixels);
+        let (width, height) = (scaled.width, scaled.height);
+        let whole = Canvas::from_picture(picture);
+        let mut rgb = vec![0; 3 * width * height];
+        shrink::<3>(whole.rgb(), (picture.width as usize, picture.height as usize), &mut rgb, (width, height));
+        Self { size: (picture.width as f32, picture.height as f32), width, height, rgb }
+    }
+
+    /// The copy with two pixels for one of the frame along the longer side, or as
+    /// it is if it has fewer.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "sizes of pictures")]
+    fn at(&self, side_px: f32) -> (usize, usize, Vec<u8>) {
+        let f = (2.0 * side_px / self.width.max(self.height) as f32).min(1.0);
+        let size = |n: usize| ((n as f32 * f) as usize).max(1);
+        let (w, h) = (size(self.width), size(self.height));
+        let mut rgb = vec![0; 3 * w * h];
+        shrink::<3>(&self.rgb, (self.width, self.height), &mut rgb, (w, h));
+        (w, h, rgb)
+    }
+}
+
+// -------------------------------------------------------------------- frames
+
+/// What the light and the camera do to a frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Exposure {
+    /// Brightness as a part of the picture's own.
+    pub gain: f32,
+    /// Spread of the Gaussian blur, frame px.
+    pub blur_px: f32,
+    /// Spread of the noise of each channel, of 255.
+    pub noise: f32,
+}
+
+/// A frame that is being composed: linear red, green and blue of 0 to 255.
+#[derive(Clone, Debug)]
+pub struct Scene {
+    width: usize,
+    height: usize,
+    rgb: Vec<[f32; 3]>,
+}
+
+/// Radius of the smallest leaves, px.
+const LEAST_LEAF_PX: f32 = 4.0;
+/// Leaves that fall on a pixel, on average.
+const LEAVES_DEEP: f32 = 7.0;
+
+impl Scene {
+    /// Dead leaves of `width` x `height` px.
+    #[must_use]
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a number of leaves")]
+    pub fn dead_leaves(width: usize, height: usize, random: &mut Random) -> Self {
+        let mut scene = Self { width, height, rgb: vec![[128.0; 3]; width * height] };
+        let (w, h) = (width as f32, height as f32);
+        let most = w.max(h) / 5.0;
+        let part = 1.0 - (LEAST_LEAF_PX / most) * (LEAST_LEAF_PX / most);
+        // The mean area of a disk whose radius is distributed as r^-3.
+        let mean = core::f32::consts::TAU * LEAST_LEAF_PX * LEAST_LEAF_PX * math::ln(most / LEAST_LEAF_PX) / part;
+        let count = (LEAVES_DEEP * w * h / mean) as usize;
+        for _ in 0..count {
+            let r = LEAST_LEAF_PX / (1.0 - part * random.unit()).sqrt();
+            let centre = [random.between(-r, w + r), random.between(-r, h + r)];
+            let round = random.bits() & 1 == 0;
+            let aspect = random.between(0.4, 1.0);
+            scene.leaf(centre, [r, if round { r } else { r * aspect }], round, random);
+        }
+        scene
+    }
+
+    /// Covers a rectangle with one leaf: corner and size in px.
+    pub fn cover(&mut self, [x, y]: [f32; 2], [w, h]: [f32; 2], random: &mut Random) {
+        self.leaf([x + w / 2.0, y + h / 2.0], [w / 2.0, h / 2.0], false, random);
+    }
+
+    /// An ellipse or rectangle of half sides `half`, of one colour that fades
+    /// along it and a grain.
+    fn leaf(&mut self, centre: [f32; 2], half: [f32; 2], round: bool, random: &mut Random) {
+        let light = random.between(15.0, 230.0);
+        // Two uniform ones: most things are nearly gray.
+        let tint = [0; 3].map(|_| light + random.between(-35.0, 35.0) + random.between(-35.0, 35.0));
+        let fade = [0; 2].map(|_| random.between(-25.0, 25.0));
+        let grain = random.between(0.0, 10.0);
+        let [xs, ys] = [0, 1].map(|i| span(centre[i] - half[i], centre[i] + half[i], [self.width, self.height][i]));
+        for y in ys {
+            let v = (y as f32 - centre[1]) / half[1];
+            for x in xs.clone() {
+                let u = (x as f32 - centre[0]) / half[0];
+                if !round || u * u + v * v <= 1.0 {
+                    let light = fade[0] * u + fade[1] * v + grain * (random.unit() - 0.5);
+                    self.rgb[y * self.width + x] = tint.map(|t| (t + light).clamp(0.0, 255.0));
+                }
+            }
+        }
+    }
+
+    /// Lays a picture into the scene, over what is there; a camera with a field of
+    /// view of 53 degrees along the longer side. Gives picture px to frame px.
+    pub fn lay(&mut self, print: &Print, pose: &Pose) -> Homography {
+        let h = pose.homography(print.size, self.focal_px());
+        let Some(back) = h.inverse() else { return h };
+        let (w, ht, rgb) = print.at(pose.side_px);
+        let texels = rgb.as_chunks::<3>().0;
+        let (fx, fy) = (w as f32 / print.size.0, ht as f32 / print.size.1);
+        let to_copy = Homography::affine([fx, 0.0, fx / 2.0 - 0.5, 0.0, fy, fy / 2.0 - 0.5]).after(&back);
+        // The picture reaches half a pixel beyond the middle of its outer ones.
+        let shape = Homography::affine([1.0, 0.0, -0.5, 0.0, 1.0, -0.5]);
+        let outline = h.after(&shape).outline(print.size.0, print.size.1);
+        let bounds = |i: usize| outline.iter().fold((f32::MAX, f32::MIN), |(a, b), p| (a.min(p[i]), b.max(p[i])));
+        let ((x0, x1), (y0, y1)) = (bounds(0), bounds(1));
+        for y in span(y0 - 1.0, y1 + 1.0, self.height) {
+            for x in span(x0 - 1.0, x1 + 1.0, self.width) {
+                let (mut sum, mut covered) = ([0.0; 3], 0.0);
+                for (dx, dy) in [(-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25)] {
+                    let p = to_copy.apply([x as f32 + dx, y as f32 + dy]);
+                    if let Some(c) = sample(texels, (w, ht), p) {
+                        sum = core::array::from_fn(|i| sum[i] + c[i] / 4.0);
+                        covered += 0.25;
+                    }
+                }
+                let pixel = &mut self.rgb[y * self.width + x];
+                *pixel = core::array::from_fn(|i| sum[i] + (1.0 - covered) * pixel[i]);
+            }
+        }
+        h
+    }
+
+    /// Focal length of the camera, px: the longer side.
+    #[must_use]
+    pub fn focal_px(&self) -> f32 {
+        self.width.max(self.height) as f32
+    }
+
+    /// A place for `pose` from which the whole picture of `size` px is seen,
+    /// anywhere in the frame; one that is too long for it sticks out on both sides.
+    #[must_use]
+    pub fn somewhere(&self, size: (f32, f32), pose: Pose, random: &mut Random) -> Pose {
+        let outline = Pose { centre: [0.0; 2], ..pose }.homography(size, self.focal_px()).outline(size.0, size.1);
+        let frame = [self.width as f32 - 1.0, self.height as f32 - 1.0];
+        let centre = [0, 1].map(|i| {
+            let (low, high) = outline.iter().fold((f32::MAX, f32::MIN), |(a, b), p| (a.min(p[i]), b.max(p[i])));
+            random.between(-low, frame[i] - high)
+        });
+        Pose { centre, ..pose }
+    }
+
+    /// The frame that the camera delivers: light, then blur, then noise.
+    #[must_use]
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to a byte")]
+    pub fn expose(mut self, exposure: &Exposure, random: &mut Random) -> Picture {
+        blur(&mut self.rgb, self.width, exposure.blur_px);
+        let mut value = |v: f32| (v * exposure.gain + exposure.noise * random.normal() + 0.5).clamp(0.0, 255.0) as u8;
+        let rgb = self.rgb.as_flattened().iter().map(|&v| value(v)).collect();
+        let side = |n: usize| u32::try_from(n).unwrap_or(u32::MAX);
+        Picture { width: side(self.width), height: side(self.height), pixels: Pixels::Rgb8(rgb) }
+    }
+}
+
+/// Pixels from `low` to `high` that lie in a frame of `n`.
+#[allow(clippy::cast_sign_loss, reason = "never negative")]
+fn span(low: f32, high: f32, n: usize) -> core::ops::Range<usize> {
+    let inside = |v: f32| (math::floor(v).max(0) as usize).min(n);
+    let first = inside(-math::floor(-low) as f32);
+    first..inside(high + 1.0).max(first)
+}
+
+/// Bilinear; `None` outside of the picture.
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "inside of the picture")]
+fn sample(texels: &[[u8; 3]], (w, h): (usize, usize), [x, y]: [f32; 2]) -> Option<[f32; 3]> {
+    let (right, bottom) = (w as f32 - 0.5, h as f32 - 0.5);
+    if !(x >= -0.5 && y >= -0.5 && x < right && y < bottom) {
+        return None;
+    }
+    let (x, y) = (x.clamp(0.0, right - 0.5), y.clamp(0.0, bottom - 0.5));
+    let (i, j) = (x as usize, y as usize);
+    let (u, v) = (x - i as f32, y - j as f32);
+    let row = |j: usize| {
+        let (a, b) = (texels[j * w + i], texels[j * w + (i + 1).min(w - 1)]);
+        [0, 1, 2].map(|c| f32::from(a[c]) * (1.0 - u) + f32::from(b[c]) * u)
+    };
+    let (a, b) = (row(j), row((j + 1).min(h - 1)));
+    Some([0, 1, 2].map(|c| a[c] * (1.0 - v) + b[c] * v))
+}
+
+/// Gaussian blur of spread `sigma` px, in rows and then in columns; the border is
+/// repeated outwards.
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a radius")]
+fn blur(rgb: &mut [[f32; 3]], width: usize, sigma: f32) {
+    let radius = (3.0 * sigma + 0.5) as usize;
+    if radius == 0 {
+        return;
+    }
+    let weight = |d: usize| math::exp(-0.5 * (d * d) as f32 / (sigma * sigma));
+    let sum = weight(0) + 2.0 * (1..=radius).map(weight).sum::<f32>();
+    let kernel: Vec<f32> = (0..=2 * radius).map(|k| weight(k.abs_diff(radius)) / sum).collect();
+    let height = rgb.len() / width;
+    let mut padded = vec![[0.0; 3]; width + 2 * radius];
+    for line in rgb.chunks_exact_mut(width) {
+        for (x, p) in padded.iter_mut().enumerate() {
+            *p = line[x.saturating_sub(radius).min(width - 1)];
+        }
+        line.fill([0.0; 3]);
+        for (k, &weight) in kernel.iter().enumerate() {
+            add(line, &padded[k..k + width], weight);
+        }
+    }
+    let source = rgb.to_vec();
+    for (y, line) in rgb.chunks_exact_mut(width).enumerate() {
+        line.fill([0.0; 3]);
+        for (k, &weight) in kernel.iter().enumerate() {
+            let from = (y + k).saturating_sub(radius).min(height - 1);
+            add(line, &source[from * width..][..width], weight);
+        }
+    }
+}
+
+fn add(line: &mut [[f32; 3]], other: &[[f32; 3]], weight: f32) {
+    for (a, &b) in line.as_flattened_mut().iter_mut().zip(other.as_flattened()) {
+        *a += weight * b;
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, clippy::panic, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+mod tests {
+    use super::*;
+
+    const FRONT: Pose = Pose { side_px: 80.0, rotation_deg: 0.0, tilt_deg: 0.0, axis_deg: 0.0, centre: [60.0, 50.0] };
+    const CLEAR: Exposure = Exposure { gain: 1.0, blur_px: 0.0, noise: 0.0 };
+
+    fn bytes(picture: &Picture) -> &[u8] {
+        match &picture.pixels {
+            Pixels::Rgb8(b) => b,
+            _ => panic!("frames are RGB"),
+        }
+    }
+
+    fn flat(width: u32, height: u32, value: u8) -> Picture {
+        Picture { width, height, pixels: Pixels::Rgb8(vec![value; (3 * width * height) as usize]) }
+    }
+
+    #[test]
+    fn random_numbers_are_the_published_ones() {
+        // The first outputs of splitmix64 for the seed 1234567.
+        let mut random = Random::new(1_234_567);
+        let expected = [6_457_827_717_110_365_317, 3_203_168_211_198_807_973, 9_817_491_932_198_370_423];
+        assert_eq!([0; 3].map(|_| random.bits()), expected);
+    }
+
+    #[test]
+    fn normal_numbers_have_mean_0_and_spread_1() {
+        let mut random = Random::new(1);
+        let values: Vec<f32> = (0..20_000).map(|_| random.normal()).collect();
+        let mean = values.iter().sum::<f32>() / 20_000.0;
+        let square = values.iter().map(|v| v * v).sum::<f32>() / 20_000.0;
+        assert!(mean.abs() < 0.03 && (square - 1.0).abs() < 0.03, "mean {mean}, square {square}");
+    }
+
+    #[test]
+    fn from_the_front_a_pose_is_a_similarity() {
+        let h = Pose { rotation_deg: 90.0, ..FRONT }.homography((161.0, 121.0), 640.0);
+        // 161 px become 80: the middle stays, the left side comes up.
+        let close = |p: [f32; 2], q: [f32; 2]| assert!(length(p[0] - q[0], p[1] - q[1]) < 1e-2, "{p:?} is not {q:?}");
+        close(h.apply([80.0, 60.0]), [60.0, 50.0]);
+        close(h.apply([0.0, 60.0]), [60.0, 50.0 - 80.0 * 80.0 / 161.0]);
+    }
+
+    #[test]
+    fn tilt_shortens_by_its_cosine_and_the_far_side_more() {
+        let pose = Pose { tilt_deg: 60.0, axis_deg: 90.0, ..FRONT };
+        // Far away, there is no perspective.
+        let far = pose.homography((101.0, 101.0), 1e6).outline(100.0, 100.0);
+        let side = |o: &[[f32; 2]; 4], i: usize, j: usize| length(o[i][0] - o[j][0], o[i][1] - o[j][1]);
+        assert!((side(&far, 0, 1) / side(&far, 1, 2) - 0.5).abs() < 0.01, "{far:?}");
+        let near = pose.homography((101.0, 101.0), 100.0).outline(100.0, 100.0);
+        assert!((side(&near, 1, 2) / side(&near, 3, 0) - 1.0).abs() > 0.5, "{near:?}");
+    }
+
+    #[test]
+    fn a_picture_lies_where_its_outline_says() {
+        let mut scene = Scene { width: 120, height: 100, rgb: vec![[0.0; 3]; 12_000] };
+        let pose = Pose { rotation_deg: 30.0, tilt_deg: 40.0, axis_deg: 20.0, ..FRONT };
+        let h = scene.lay(&Print::new(&flat(200, 100, 200)), &pose);
+        let frame = scene.expose(&CLEAR, &mut Random::new(1));
+        let lit = bytes(&frame).iter().map(|&b| f32::from(b)).sum::<f32>() / 3.0 / 200.0;
+        let expected = area(&h.outline(200.0, 100.0));
+        assert!((lit / expected - 1.0).abs() < 0.01, "{lit} px of {expected}");
+    }
+
+    #[test]
+    fn fine_stripes_become_gray_and_coarse_ones_stay() {
+        let stripes = |n: u32| Picture {
+            width: 640,
+            height: 640,
+            pixels: Pixels::Gray8((0..640 * 640).map(|i| if i % 640 / n % 2 == 0 { 0 } else { 240 }).collect()),
+        };
+        let spread = |n: u32| {
+            let mut scene = Scene { width: 120, height: 100, rgb: vec![[0.0; 3]; 12_000] };
+            let _ = scene.lay(&Print::new(&stripes(n)), &FRONT);
+            let frame = scene.expose(&CLEAR, &mut Random::new(1));
+            let row = &bytes(&frame)[3 * (50 * 120 + 30)..3 * (50 * 120 + 90)];
+            row.iter().max().unwrap() - row.iter().min().unwrap()
+        };
+        assert!(spread(1) < 8, "one pixel in eight: {}", spread(1));
+        assert!(spread(80) > 230, "ten pixels wide: {}", spread(80));
+    }
+
+    #[test]
+    fn exposure_darkens_blurs_and_adds_noise() {
+        let mut scene = Scene { width: 64, height: 64, rgb: vec![[0.0; 3]; 64 * 64] };
+        scene.rgb[32 * 64 + 32] = [200.0 * core::f32::consts::TAU * 9.0; 3];
+        let frame = scene.clone().expose(&Exposure { gain: 0.5, blur_px: 3.0, noise: 0.0 }, &mut Random::new(1));
+        let at = |x: usize, y: usize| bytes(&frame)[3 * (y * 64 + x)];
+        // A point becomes a bell of height 1 / (2 pi sigma^2).
+        assert!(at(32, 32).abs_diff(100) < 2 && at(35, 32).abs_diff(61) < 2, "{} {}", at(32, 32), at(35, 32));
+        assert_eq!(at(35, 32), at(32, 35));
+        let gray = Scene { width: 64, height: 64, rgb: vec![[128.0; 3]; 64 * 64] };
+        let noisy = gray.expose(&Exposure { noise: 10.0, ..CLEAR }, &mut Random::new(1));
+        let square = |&b: &u8| (f32::from(b) - 128.0) * (f32::from(b) - 128.0);
+        let spread = (bytes(&noisy).iter().map(square).sum::<f32>() / (3.0 * 64.0 * 64.0)).sqrt();
+        assert!((spread - 10.0).abs() < 0.5, "{spread}");
+    }
+
+    #[test]
+    fn a_frame_is_the_same_bytes_wherever_it_is_made() {
+        let mut random = Random::of(&[1, 2, 3]);
+        let object = Scene::dead_leaves(90, 60, &mut random).expose(&CLEAR, &mut random);
+        let mut scene = Scene::dead_leaves(160, 120, &mut random);
+        let tilted = Pose { tilt_deg: 30.0, axis_deg: 70.0, rotation_deg: 200.0, ..FRONT };
+        let pose = scene.somewhere((90.0, 60.0), tilted, &mut random);
+        let h = scene.lay(&Print::new(&object), &pose);
+        scene.cover([40.0, 30.0], [20.0, 30.0], &mut random);
+        assert!(h.outline(90.0, 60.0).iter().flatten().all(|&v| (0.0..160.0).contains(&v)), "{pose:?} is outside");
+        let frame = scene.expose(&Exposure { gain: 0.8, blur_px: 1.0, noise: 4.0 }, &mut random);
+        assert_eq!(keygraph_core::model::crc32(bytes(&frame)), 0, "CRC-32 of the frame");
+    }
+}
