@@ -563,41 +563,121 @@ fn limits(s: &Structure, sweep: Option<&Sweep>) -> Vec<Limit> {
             frames(sweep.views)
         ),
     );
-    limits.extend(sweep.rows.iter().filter_map(|row| row.limit(sweep.views)));
+    let turned = sweep.rows.iter().filter(|r| r.condition == Condition::Rotation).map(|r| r.rate(sweep.views));
+    let weak = turned.clone().any(|rate| rate < RELIABLE);
+    add(
+        weak,
+        "weak",
+        format!(
+            "weak: found in {:.0} % of mild frames, {:.0} to {:.0} % as long as the frame; show it larger, or take a part with more and sharper texture",
+            100.0 * turned.sum::<f32>(),
+            MILD.side_px.start / 6.4,
+            MILD.side_px.end / 6.4
+        ),
+    );
+    // What is weak in mild conditions already is not lost to the others.
+    let own = |l: &Limit| !weak || l.kind == "lost when small";
+    limits.extend(sweep.rows.iter().filter_map(|row| row.limit(sweep.views)).filter(own));
     limits
 }
 
 impl Row {
-    /// What the condition can be at which the object is no longer found, if that is
-    /// less than one may expect.
+    /// Where the object is no longer found, if that is sooner than one may expect.
     fn limit(&self, views: usize) -> Option<Limit> {
-        // The cell up to which, or from which on, one may expect it to be found.
+        // The cell up to which, or for scale from which on, it should be found.
         let (expected, kind, advice) = match self.condition {
+            // Frames of all turns are mild ones.
+            Condition::Rotation => return None,
             Condition::Scale => (1, "lost when small", "come closer, or search larger frames (--profile hd)"),
-            Condition::Rotation => {
-                (3, "lost when turned", "the picture holds too little; take a part with more texture")
-            }
             Condition::Tilt => (3, "lost when tilted", "look at it from nearer to the front"),
-            Condition::Blur => (1, "lost when blurred", "hold the camera still and focus; its detail is fine"),
+            Condition::Blur => (1, "lost when blurred", "its detail is fine: hold the camera still and focus"),
             Condition::Darkness => (1, "lost in the dark", "give it more light"),
             Condition::Noise => (1, "lost in noise", "give it more light"),
         };
-        let reliable = |c: &&Cell| c.rate(views) >= RELIABLE;
-        let (unit, name) = (self.condition.unit(), self.condition.name());
-        let range = if self.condition == Condition::Scale {
-            let first = self.cells.iter().position(|c| c.rate(views) >= RELIABLE);
-            if first.is_some_and(|i| i <= expected) {
-                return None;
-            }
-            first.map(|i| format!("found reliably only from {} {unit} on", self.cells[i].value))
-        } else {
-            let held = self.cells.iter().take_while(reliable).count();
-            if held > expected {
-                return None;
-            }
-            held.checked_sub(1).map(|i| format!("found reliably only to {} {unit}", self.cells[i].value))
+        let reliable = |c: &Cell| c.rate(views) >= RELIABLE;
+        let (held, to) = match self.condition {
+            Condition::Scale => (self.cells.iter().position(reliable), "from"),
+            _ => (self.cells.iter().take_while(|c| reliable(c)).count().checked_sub(1), "to"),
         };
-        let range = range.unwrap_or_else(|| "not found reliably in any field".into());
-        Some(Limit { kind, text: format!("{name}: {range}; {advice}") })
+        let enough = held.is_some_and(|i| if to == "from" { i <= expected } else { i >= expected });
+        let range = held.map_or_else(
+            || "at no value of the table".into(),
+            |i| format!("only {to} {} {}", self.cells[i].value, self.condition.unit()),
+        );
+        let text = format!("{kind}: found reliably {range}; {advice}");
+        (!enough).then_some(Limit { kind, text })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const GOOD: Structure = Structure {
+        keypoints: 1120,
+        keygraphs: 60_000,
+        spread: 0.9,
+        contrast: 50.0,
+        repetition: 0.2,
+        size: (600, 400),
+        luma_only: false,
+    };
+
+    /// A sweep of four views a cell, with the views found by condition and cell.
+    fn sweep(found: impl Fn(Condition, usize) -> usize) -> Sweep {
+        let row = |&(condition, values): &(Condition, &[f32])| Row {
+            condition,
+            cells: values.iter().enumerate().map(|(i, &value)| Cell { value, found: found(condition, i) }).collect(),
+        };
+        Sweep { views: 4, rows: SWEEP.iter().map(row).collect(), wrong: 0, heat: Heat::new(60, 40) }
+    }
+
+    fn texts(structure: &Structure, sweep: &Sweep) -> Vec<String> {
+        limits(structure, Some(sweep)).into_iter().map(|l| l.text).collect()
+    }
+
+    #[test]
+    fn the_score_is_the_weighted_mean_of_the_rows() {
+        assert_eq!(score(&sweep(|_, _| 0)), 0);
+        assert_eq!(score(&sweep(|_, _| 4)), 100);
+        // Three of eleven parts, and half of one.
+        assert_eq!(score(&sweep(|c, _| if c == Condition::Scale { 4 } else { 0 })), 27);
+        assert_eq!(score(&sweep(|c, _| if c == Condition::Noise { 2 } else { 0 })), 5);
+    }
+
+    #[test]
+    fn a_good_picture_has_no_limits() {
+        assert_eq!(texts(&GOOD, &sweep(|_, _| 4)), [""; 0]);
+    }
+
+    #[test]
+    fn what_the_picture_lacks_is_named() {
+        let poor = [
+            (Structure { keypoints: 200, ..GOOD }, "few corners: 200 keypoints"),
+            (Structure { spread: 0.3, ..GOOD }, "in 30 % of the picture"),
+            (Structure { contrast: 8.0, ..GOOD }, "low contrast: luma varies by 8"),
+            (Structure { repetition: 0.9, ..GOOD }, "repeated pattern"),
+            (Structure { size: (90, 60), ..GOOD }, "small: 90x60"),
+            (Structure { size: (800, 100), ..GOOD }, "elongated: 800x100"),
+            (Structure { luma_only: true, ..GOOD }, "no chroma"),
+        ];
+        for (structure, words) in poor {
+            let texts = texts(&structure, &sweep(|_, _| 4));
+            assert!(texts.len() == 1 && texts[0].contains(words), "{words:?} is not {texts:?}");
+        }
+    }
+
+    #[test]
+    fn what_the_frames_show_is_named() {
+        let scale = sweep(|c, i| if c == Condition::Scale && i < 2 { 2 } else { 4 });
+        assert!(texts(&GOOD, &scale)[0].contains("only from 210 px"), "{:?}", texts(&GOOD, &scale));
+        let tilt = sweep(|c, i| if c == Condition::Tilt && i > 2 { 0 } else { 4 });
+        assert!(texts(&GOOD, &tilt)[0].contains("only to 30 degrees"), "{:?}", texts(&GOOD, &tilt));
+        let dark = sweep(|c, _| if c == Condition::Darkness { 0 } else { 4 });
+        assert!(texts(&GOOD, &dark)[0].contains("at no value"), "{:?}", texts(&GOOD, &dark));
+        let wrong = Sweep { wrong: 20, ..sweep(|_, _| 4) };
+        assert!(texts(&GOOD, &wrong)[0].contains("20 outlines in 108 frames"), "{:?}", texts(&GOOD, &wrong));
+        let weak = texts(&GOOD, &sweep(|c, i| if c == Condition::Scale && i > 1 { 4 } else { 2 }));
+        assert!(weak.len() == 2 && weak[0].contains("found in 50 % of mild frames"), "{weak:?}");
     }
 }

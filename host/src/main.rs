@@ -482,30 +482,31 @@ fn check_annotated(path: &Path, inputs: &[&Path]) -> Result<()> {
 
 /// An assessment in words.
 fn assessed(a: &Assessment) -> String {
-    let mut lines = vec![format!("object     {}", a.name)];
+    let mut lines = vec![format!("{:17}  {}", "object", a.name)];
     if let Some(s) = &a.structure {
         let feature = if s.luma_only { "luma alone" } else { "luma and chroma" };
         lines[0] +=
             &format!(", {}x{} px, {} keypoints, {} keygraphs, {feature}", s.size.0, s.size.1, s.keypoints, s.keygraphs);
     }
     if let Some(score) = a.score {
-        lines.push(format!("score      {score} of 100"));
+        lines.push(format!("{:17}  {score} of 100", "score"));
     }
     if let Some(sweep) = &a.sweep {
         for row in &sweep.rows {
-            let cell = |c: &Cell| format!("{} {}: {:.0} %", c.value, row.condition.unit(), c.rate(sweep.views) * 100.0);
+            let cell = |c: &Cell| format!("{}: {:.0} %", c.value, c.rate(sweep.views) * 100.0);
             let cells = row.cells.iter().map(cell).collect::<Vec<_>>().join("   ");
-            lines.push(format!("{:10} {cells}", row.condition.name()));
+            let head = format!("{}, {}", row.condition.name(), row.condition.unit());
+            lines.push(format!("{head:17}  {cells}"));
         }
-        lines.push(format!("wrong      {} outlines in {} frames", sweep.wrong, frames(sweep.views)));
+        lines.push(format!("{:17}  {} outlines in {} frames", "wrong", sweep.wrong, frames(sweep.views)));
     }
     let mut head = "limits";
     for limit in &a.limits {
-        lines.push(format!("{head:10} {}", limit.text));
+        lines.push(format!("{head:17}  {}", limit.text));
         head = "";
     }
     if a.limits.is_empty() {
-        lines.push(format!("{head:10} none"));
+        lines.push(format!("{head:17}  none"));
     }
     lines.join("\n")
 }

@@ -641,6 +641,8 @@ fn a_wrong_command_line_ends_with_2() {
         &["pack", "-o", "all.kgm"],
         &["pack", m],
         &["inspect"],
+        &["assess"],
+        &["assess", f, "--views", "0"],
     ];
     for arguments in wrong {
         let run = run_in(&folder.0, arguments, b"");
@@ -789,6 +791,120 @@ fn a_picture_that_is_too_narrow_comes_with_advice() {
     } else {
         run.said(&["narrow"]);
     }
+}
+
+// -------------------------------------------------------------------- assess
+
+/// Kinds of the limits that an assessment names.
+fn kinds(assessment: &Value) -> Vec<&str> {
+    list(assessment, "limits").iter().map(|l| text(l, "kind")).collect()
+}
+
+/// The rate of one cell, 0 to 1.
+fn rate(assessment: &Value, condition: &str, value: f64) -> f64 {
+    let row = list(assessment, "table").iter().find(|r| text(r, "condition") == condition).unwrap();
+    let cell = list(row, "cells").iter().find(|c| number(c, "value") == value).unwrap();
+    number(cell, "found") / number(assessment, "views")
+}
+
+/// A picture of `width` x `height` px made by a function of its pixels.
+fn drawn(folder: &Folder, name: &str, [width, height]: [u32; 2], f: impl Fn(u32, u32) -> [u8; 3]) -> PathBuf {
+    let path = folder.join(name);
+    RgbImage::from_fn(width, height, |x, y| Rgb(f(x, y))).save(&path).unwrap();
+    path
+}
+
+#[test]
+fn a_good_picture_has_a_high_score_and_its_table() {
+    let folder = Folder::new("assess");
+    let heat = folder.join("heat.png");
+    let run = keygraph!("assess", picture("astronaut"), "--views", "2", "--json", "--annotate", heat).ended_with(0);
+    let a = run.object();
+    assert_eq!(text(&a, "object"), "astronaut");
+    assert!((80..=100).contains(&count(&a, "score")), "{a}");
+    assert!(list(&a, "table").iter().all(|r| (0.0..=1.0).contains(&number(r, "rate"))), "{a}");
+    // What every change of the detector must keep, and what none can reach.
+    for (condition, value) in [("scale", 420.0), ("rotation", 180.0), ("tilt", 15.0), ("blur", 1.0), ("noise", 5.0)] {
+        assert_eq!(rate(&a, condition, value), 1.0, "{condition} {value}: {a}");
+    }
+    let structure = &a["structure"];
+    assert!(number(structure, "repetition") < 0.4 && number(structure, "contrast") > 40.0, "{a}");
+    assert!(!kinds(&a).contains(&"few corners") && !kinds(&a).contains(&"repeated pattern"), "{a}");
+    // The heat map has colour where keygraphs hold and none in the dark corner.
+    let drawn = pixels(&heat);
+    assert_eq!(drawn.dimensions(), (512, 512));
+    let colour =
+        |x: u32, y: u32| drawn.get_pixel(x, y).0.iter().max().unwrap() - drawn.get_pixel(x, y).0.iter().min().unwrap();
+    let coloured = (0..512 * 512).filter(|i| colour(i % 512, i / 512) > 40).count();
+    assert!((512 * 512 / 5..512 * 512 * 19 / 20).contains(&coloured), "{coloured} px are coloured");
+}
+
+#[test]
+fn a_repeated_pattern_is_named_and_scores_low() {
+    let folder = Folder::new("checkers");
+    let path =
+        drawn(&folder, "checkers.png", [480, 400], |x, y| [if (x / 40 + y / 40) % 2 == 0 { 230 } else { 30 }; 3]);
+    let a = keygraph!("assess", path, "--views", "1", "--json").ended_with(0).object();
+    assert!(count(&a, "score") < 30, "{a}");
+    assert!(kinds(&a).contains(&"repeated pattern") && kinds(&a).contains(&"no chroma"), "{a}");
+}
+
+#[test]
+fn three_blobs_have_too_few_corners() {
+    let folder = Folder::new("blobs");
+    let blobs = [([120, 120], 60, [200, 60, 30]), ([350, 150], 50, [30, 60, 200]), ([240, 300], 70, [40, 180, 60])];
+    let path = drawn(&folder, "blobs.png", [500, 400], |x, y| {
+        let inside = |c: [u32; 2], r: u32| x.abs_diff(c[0]).pow(2) + y.abs_diff(c[1]).pow(2) < r * r;
+        blobs.iter().find(|(c, r, _)| inside(*c, *r)).map_or([200; 3], |b| b.2)
+    });
+    let a = keygraph!("assess", path, "--views", "1", "--json").ended_with(0).object();
+    assert!(count(&a, "score") < 75, "{a}");
+    assert!(kinds(&a).contains(&"few corners"), "{a}");
+    let words = keygraph!("assess", path, "--views", "1").ended_with(0).out;
+    assert!(words.contains("few corners") && words.contains("of 100") && words.contains("tilt"), "{words}");
+}
+
+#[test]
+fn a_gradient_is_refused_with_a_score_of_0() {
+    let folder = Folder::new("gradient");
+    let (path, heat) =
+        (drawn(&folder, "gradient.png", [500, 400], |x, _| [(20 + x * 2 / 5) as u8; 3]), folder.join("h.png"));
+    let a = keygraph!("assess", path, "--json", "--annotate", heat).ended_with(0).object();
+    assert_eq!((count(&a, "score"), kinds(&a)), (0, vec!["refused"]));
+    assert!(text(&list(&a, "limits")[0], "text").contains("texture"), "{a}");
+    assert_eq!(pixels(&heat).dimensions(), (500, 400));
+}
+
+#[test]
+fn a_model_alone_has_no_score_and_with_its_picture_has_the_pictures() {
+    let folder = Folder::new("assess-model");
+    let model = folder.astronaut();
+    let alone = keygraph!("assess", model, "--json").ended_with(0).said(&["--picture"]);
+    let a = alone.object();
+    assert!(a["score"].is_null() && a["table"].is_null(), "{a}");
+    assert!(count(&a["structure"], "keygraphs") > 1000, "{a}");
+    let of = |input: &Path, options: &[&str]| {
+        let arguments = [&["assess", &path(input), "--views", "1", "--json"], options].concat();
+        run_in(&folder.0, &arguments, b"").ended_with(0).object()
+    };
+    let astronaut = path(&picture("astronaut"));
+    assert_eq!(of(&model, &["--picture", &astronaut]), of(&picture("astronaut"), &["--preset", "compact"]));
+    keygraph!("assess", model, "--picture", picture("coffee")).refused_with(&["512x512", "600x400"]);
+    keygraph!("assess", model, "--picture", astronaut, "--picture", astronaut)
+        .refused_with(&["1 objects", "2 pictures"]);
+    keygraph!("assess", picture("coffee"), "--picture", astronaut).refused_with(&["--picture goes with a model"]);
+    keygraph!("assess", model, "--annotate", folder.join("h.png")).refused_with(&["give --picture"]);
+}
+
+#[test]
+fn a_heat_map_that_cannot_be_written_is_refused_before_the_frames() {
+    let folder = Folder::new("assess-annotate");
+    let path = drawn(&folder, "p.png", [100, 100], |x, y| [(x * y) as u8; 3]);
+    let before = fs::read(&path).unwrap();
+    keygraph!("assess", path, "--annotate", path).refused_with(&["would overwrite"]);
+    assert_eq!(fs::read(&path).unwrap(), before);
+    keygraph!("assess", path, "--annotate", folder.join("h.bmp")).refused_with(&[".png"]);
+    keygraph!("assess", path, "--annotate", folder.join("none/h.png")).refused_with(&["does not exist"]);
 }
 
 // -------------------------------------------------------------------- videos

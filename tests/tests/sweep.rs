@@ -1,0 +1,162 @@
+//! Rendered frames through the whole system: a seeded sweep whose outcome is kept as
+//! a table and several copies of one object. Everything comes from the shipped
+//! pictures and from seeds.
+#![allow(clippy::unwrap_used, clippy::panic, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+
+use std::fmt::Write;
+
+use keygraph::input::{Picture, read_picture};
+use keygraph::learn::{Preset, train};
+use keygraph::render::{Exposure, Pose, Print, RIGHT, Random, Scene, corner_error};
+use keygraph::search::{Profile, search};
+use keygraph_core::detect::{DEFAULT_THRESHOLD, Detection};
+use keygraph_core::model::Model;
+use keygraph_tests::file;
+
+const MILD: Exposure = Exposure { gain: 1.0, blur_px: 0.6, noise: 3.0 };
+const FRONT: Pose = Pose { side_px: 300.0, rotation_deg: 0.0, tilt_deg: 0.0, axis_deg: 0.0, centre: [320.0, 240.0] };
+
+type Quad = [[f32; 2]; 4];
+
+/// A picture of the repository.
+fn shipped(name: &str) -> Picture {
+    read_picture(&file("assets/pictures").join(name).with_extension("jpg")).unwrap()
+}
+
+fn size(picture: &Picture) -> (f32, f32) {
+    (picture.width as f32, picture.height as f32)
+}
+
+fn model(picture: &Picture, name: &str, preset: Preset) -> Vec<u8> {
+    train(picture, name, preset, false).unwrap().0
+}
+
+fn lay(scene: &mut Scene, picture: &Picture, pose: &Pose) -> Quad {
+    let (w, h) = size(picture);
+    scene.lay(&Print::new(picture), pose).outline(w, h)
+}
+
+fn detections(frame: &Picture, model: &Model<'_>, profile: Profile) -> Vec<Detection> {
+    search(frame, model, profile, DEFAULT_THRESHOLD, false, 0).unwrap().detections
+}
+
+// --------------------------------------------------------------------- sweep
+
+/// What a line of the table does to the pose and the exposure.
+type Change = fn(&mut Pose, &mut Exposure);
+
+/// Conditions well inside of what the detector holds, at the edge of it, and
+/// beyond.
+const CONDITIONS: [(&str, Change); 10] = [
+    ("plain", |_, _| ()),
+    ("110 px", |p, _| p.side_px = 110.0),
+    ("500 px", |p, _| p.side_px = 500.0),
+    ("tilt 30", |p, _| p.tilt_deg = 30.0),
+    ("tilt 50", |p, _| p.tilt_deg = 50.0),
+    ("tilt 65", |p, _| p.tilt_deg = 65.0),
+    ("blur 2", |_, e| e.blur_px = 2.0),
+    ("blur 4", |_, e| e.blur_px = 4.0),
+    ("light 10%", |_, e| e.gain = 0.1),
+    ("noise 20", |_, e| e.noise = 20.0),
+];
+
+/// Mean of the corners.
+fn middle(q: &Quad) -> [f32; 2] {
+    [0, 1].map(|i| q.iter().map(|p| p[i]).sum::<f32>() / 4.0)
+}
+
+/// Each line is a condition; each column an object in a seed, with the middle of the
+/// first outline found in steps of 20 px, which a change of the last bits does not
+/// move, or a dash.
+#[test]
+fn the_sweep_comes_out_as_it_did() {
+    let mut table = String::from("condition   found  wrong  columns, tens of px\n");
+    let objects = ["astronaut", "coffee"].map(|name| {
+        let picture = shipped(name);
+        (model(&picture, name, Preset::Standard), picture)
+    });
+    for (line, (name, change)) in CONDITIONS.iter().enumerate() {
+        let (mut found, mut wrong, mut columns) = (0, 0, String::new());
+        for (index, (bytes, picture)) in objects.iter().enumerate() {
+            let model = Model::parse(bytes).unwrap();
+            for view in 0..2 {
+                let mut random = Random::of(&[line as u64, index as u64, view]);
+                let mut pose = Pose { rotation_deg: random.between(0.0, 360.0), axis_deg: 40.0, ..FRONT };
+                let mut exposure = MILD;
+                change(&mut pose, &mut exposure);
+                let mut scene = Scene::dead_leaves(640, 480, &mut random);
+                let pose = scene.somewhere(size(picture), pose, &mut random);
+                let truth = lay(&mut scene, picture, &pose);
+                let seen = detections(&scene.expose(&exposure, &mut random), &model, Profile::Vga);
+                let right = seen.iter().filter(|d| corner_error(&d.corners, &truth) < RIGHT).count();
+                found += right.min(1);
+                wrong += seen.len() - right.min(1);
+                match seen.first() {
+                    Some(d) => {
+                        let [x, y] = middle(&d.corners).map(|v| (v / 20.0).round() as i32 * 2);
+                        write!(columns, "{:>8}", format!("{x},{y}")).unwrap();
+                    }
+                    None => columns.push_str("       -"),
+                }
+            }
+        }
+        writeln!(table, "{name:10}  {found:>2}/4  {wrong:>5} {columns}").unwrap();
+    }
+    insta::assert_snapshot!(table);
+}
+
+// ------------------------------------------------------------ many at a time
+
+/// Every instance is found once, and nothing else.
+fn assert_each_once(what: &str, seen: &[Detection], truth: &[(u16, Quad)]) {
+    let is =
+        |d: &Detection, (object, quad): &(u16, Quad)| d.object == *object && corner_error(&d.corners, quad) < RIGHT;
+    let mut faults = String::new();
+    for (i, t) in truth.iter().enumerate() {
+        let times = seen.iter().filter(|d| is(d, t)).count();
+        if times != 1 {
+            writeln!(faults, "instance {i} of object {} at {:.0?} is found {times} times", t.0, middle(&t.1)).unwrap();
+        }
+    }
+    for d in seen.iter().filter(|d| !truth.iter().any(|t| is(d, t))) {
+        writeln!(faults, "object {} at {:.0?}, score {:.2}, is not there", d.object, middle(&d.corners), d.score)
+            .unwrap();
+    }
+    assert!(faults.is_empty(), "{what}:\n{faults}");
+}
+
+fn copies(name: &str, poses: &[Pose]) {
+    let picture = shipped(name);
+    let bytes = model(&picture, name, Preset::Large);
+    for seed in 0..3 {
+        let mut random = Random::of(&[seed, 5]);
+        let mut scene = Scene::dead_leaves(640, 480, &mut random);
+        let turn = random.between(0.0, 360.0);
+        let truth: Vec<(u16, Quad)> = poses
+            .iter()
+            .map(|p| (0, lay(&mut scene, &picture, &Pose { rotation_deg: p.rotation_deg + turn, ..*p })))
+            .collect();
+        let seen = detections(&scene.expose(&MILD, &mut random), &Model::parse(&bytes).unwrap(), Profile::Vga);
+        assert_each_once(&format!("{} copies of {name}, seed {seed}", poses.len()), &seen, &truth);
+    }
+}
+
+#[test]
+fn two_copies_are_both_found_and_none_doubled() {
+    let poses = [
+        Pose { centre: [165.0, 230.0], side_px: 220.0, ..FRONT },
+        Pose { centre: [475.0, 250.0], side_px: 210.0, rotation_deg: 100.0, tilt_deg: 20.0, ..FRONT },
+    ];
+    copies("astronaut", &poses);
+    copies("coffee", &poses);
+}
+
+#[test]
+fn three_copies_are_all_found_and_none_doubled() {
+    let poses = [
+        Pose { centre: [125.0, 140.0], side_px: 170.0, ..FRONT },
+        Pose { centre: [350.0, 330.0], side_px: 190.0, rotation_deg: 70.0, tilt_deg: 15.0, ..FRONT },
+        Pose { centre: [520.0, 140.0], side_px: 170.0, rotation_deg: 200.0, ..FRONT },
+    ];
+    copies("astronaut", &poses);
+}
