@@ -884,7 +884,8 @@ fn a_model_alone_has_no_score_and_with_its_picture_has_the_pictures() {
     assert!(a["score"].is_null() && a["table"].is_null(), "{a}");
     assert!(count(&a["structure"], "keygraphs") > 1000, "{a}");
     let of = |input: &Path, options: &[&str]| {
-        let arguments = [&["assess", &path(input), "--views", "1", "--json"], options].concat();
+        let input = path(input);
+        let arguments = [&["assess", &input, "--views", "1", "--json"], options].concat();
         run_in(&folder.0, &arguments, b"").ended_with(0).object()
     };
     let astronaut = path(&picture("astronaut"));
