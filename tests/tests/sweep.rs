@@ -1,12 +1,12 @@
 //! Rendered frames through the whole system: a seeded sweep whose outcome is kept as
-//! a table and several copies of one object. Everything comes from the shipped
-//! pictures and from seeds.
+//! a table, several copies of one object, and many objects in one model. Everything
+//! comes from the shipped pictures and from seeds.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
 
 use std::fmt::Write;
 
 use keygraph::input::{Picture, read_picture};
-use keygraph::learn::{Preset, train};
+use keygraph::learn::{Preset, merge, train};
 use keygraph::render::{Exposure, Pose, Print, RIGHT, Random, Scene, corner_error};
 use keygraph::search::{Profile, search};
 use keygraph_core::detect::{DEFAULT_THRESHOLD, Detection};
@@ -21,6 +21,15 @@ type Quad = [[f32; 2]; 4];
 /// A picture of the repository.
 fn shipped(name: &str) -> Picture {
     read_picture(&file("assets/pictures").join(name).with_extension("jpg")).unwrap()
+}
+
+/// A picture of dead leaves: as much texture as a photograph, and as many of them as
+/// there are seeds.
+fn leaves(seed: u64) -> Picture {
+    let mut random = Random::of(&[seed, 77]);
+    let (width, height) = (360, 240 + 30 * (seed as usize % 5));
+    let exposure = Exposure { gain: 1.0, blur_px: 0.7, noise: 0.0 };
+    Scene::dead_leaves(width, height, &mut random).expose(&exposure, &mut random)
 }
 
 fn size(picture: &Picture) -> (f32, f32) {
@@ -159,4 +168,32 @@ fn three_copies_are_all_found_and_none_doubled() {
         Pose { centre: [520.0, 140.0], side_px: 170.0, rotation_deg: 200.0, ..FRONT },
     ];
     copies("astronaut", &poses);
+}
+
+/// Twelve objects in one model, all in one frame, in two layouts of four columns and
+/// three rows.
+#[test]
+fn twelve_objects_in_a_frame_are_all_found_and_none_doubled() {
+    let mut pictures: Vec<Picture> = ["astronaut", "coffee"].map(shipped).into();
+    pictures.extend((0..10).map(leaves));
+    let models: Vec<Vec<u8>> =
+        pictures.iter().enumerate().map(|(i, p)| model(p, &format!("object {i}"), Preset::Standard)).collect();
+    let packed = merge(&models).unwrap();
+    let model = Model::parse(&packed).unwrap();
+    assert_eq!(model.objects(), 12);
+    for seed in 0..2 {
+        let mut random = Random::of(&[seed, 12]);
+        let mut scene = Scene::dead_leaves(1280, 720, &mut random);
+        let place = |i: usize| [160.0 + 320.0 * (i % 4) as f32, 120.0 + 240.0 * (i / 4) as f32];
+        let truth: Vec<(u16, Quad)> = (0..12)
+            .map(|i| {
+                let object = (i * 5 + seed as usize) % 12;
+                let turn = random.between(-10.0, 10.0);
+                let pose = Pose { side_px: 235.0, rotation_deg: turn, tilt_deg: 10.0, centre: place(i), ..FRONT };
+                (object as u16, lay(&mut scene, &pictures[object], &pose))
+            })
+            .collect();
+        let seen = detections(&scene.expose(&MILD, &mut random), &model, Profile::Hd);
+        assert_each_once(&format!("twelve objects, seed {seed}"), &seen, &truth);
+    }
 }
