@@ -439,7 +439,9 @@ mod tests {
         let stripes = |n: u32| Picture {
             width: 640,
             height: 640,
-            pixels: Pixels::Gray8((0..640 * 640).map(|i| if i % 640 / n % 2 == 0 { 0 } else { 240 }).collect()),
+            pixels: Pixels::Gray8(
+                (0..640 * 640).map(|i| if (i % 640 / n).is_multiple_of(2) { 0 } else { 240 }).collect(),
+            ),
         };
         let spread = |n: u32| {
             let mut scene = Scene { width: 120, height: 100, rgb: vec![[0.0; 3]; 12_000] };

@@ -842,8 +842,9 @@ fn a_good_picture_has_a_high_score_and_its_table() {
 #[test]
 fn a_repeated_pattern_is_named_and_scores_low() {
     let folder = Folder::new("checkers");
-    let path =
-        drawn(&folder, "checkers.png", [480, 400], |x, y| [if (x / 40 + y / 40) % 2 == 0 { 230 } else { 30 }; 3]);
+    let path = drawn(&folder, "checkers.png", [480, 400], |x, y| {
+        [if (x / 40 + y / 40).is_multiple_of(2) { 230 } else { 30 }; 3]
+    });
     let a = keygraph!("assess", path, "--views", "1", "--json").ended_with(0).object();
     assert!(count(&a, "score") < 30, "{a}");
     assert!(kinds(&a).contains(&"repeated pattern") && kinds(&a).contains(&"no chroma"), "{a}");
