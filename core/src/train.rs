@@ -578,7 +578,7 @@ impl Table {
     }
 
     /// The place of the next keygraph of this subset and cost, if it is kept. Of
-    /// the cost that is kept in part, evenly spread ones are.
+    /// the cost that is kept in part, evenly spread ones are; only those are counted.
     fn place(&mut self, cell: usize, cost: u32) -> Option<usize> {
         let range = self.range(cell);
         let n = range.len();
@@ -587,6 +587,9 @@ impl Table {
             let count = usize::from(count);
             if i == cost as usize {
                 let kept = n.saturating_sub(sure).min(count);
+                if kept == 0 {
+                    return None;
+                }
                 if kept < count {
                     let t = usize::from(self.partial[cell]);
                     self.partial[cell] = self.partial[cell].saturating_add(1);
@@ -689,6 +692,17 @@ mod tests {
         }
         assert!(taken.iter().all(|&n| n == 1), "{taken:?}");
         assert_eq!(kept, [[10, 1], [4, 4]], "all cheap ones, some of the next");
+    }
+
+    #[test]
+    fn keygraphs_too_dear_to_keep_take_no_places() {
+        let mut t = std::boxed::Box::new(Table::new());
+        // As views are walked: dear keygraphs come between those kept in part.
+        let fed: std::vec::Vec<u32> = [0, 2, 2, 1, 2, 1, 0, 2, 1, 1, 2, 2].into();
+        fed.iter().for_each(|&cost| t.count(0, cost));
+        assert_eq!(t.allot(4, 12), 4);
+        let kept: std::vec::Vec<u32> = fed.into_iter().filter(|&cost| t.place(0, cost).is_some()).collect();
+        assert_eq!(kept, [0, 1, 0, 1], "both of cost 0, every other of cost 1, none of cost 2");
     }
 
     #[test]
