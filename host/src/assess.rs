@@ -429,7 +429,7 @@ fn structure(model: &Model<'_>, index: usize, object: &Object<'_>) -> Structure 
             fields[field(y, object.height)][field(x, object.width)] = true;
         }
     }
-    let luma = object.template.luma;
+    let luma = luma(&object.template);
     let mean = luma.iter().map(|&v| f32::from(v)).sum::<f32>() / luma.len() as f32;
     let square = luma.iter().map(|&v| (f32::from(v) - mean) * (f32::from(v) - mean)).sum::<f32>() / luma.len() as f32;
     Structure {
@@ -441,6 +441,12 @@ fn structure(model: &Model<'_>, index: usize, object: &Object<'_>) -> Structure 
         size: (object.width, object.height),
         luma_only: model.feature() == FeatureKind::Luma,
     }
+}
+
+/// The template's luma at its full size, in rows.
+fn luma(template: &Template<'_>) -> Vec<u8> {
+    let plane = template.luma(0);
+    (0..plane.height()).flat_map(|y| plane.row(y)).copied().collect()
 }
 
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to the fields")]
@@ -483,7 +489,7 @@ fn repetition(template: &Template<'_>) -> f32 {
 /// The template's luma without what is wider than nine pixels, which every picture
 /// shares with itself.
 fn detail(template: &Template<'_>) -> Vec<f32> {
-    let (w, h, luma) = (template.width, template.height, template.luma);
+    let (w, h, luma) = (template.width, template.height, luma(template));
     let around = |i: usize, n: usize| i.saturating_sub(4)..(i + 5).min(n);
     let value = |x: usize, y: usize| {
         let (xs, ys) = (around(x, w), around(y, h));

@@ -18,7 +18,7 @@ use keygraph::heat::Heat;
 use keygraph::input::{Picture, Source};
 use keygraph::learn::{Preset, has_colour, merge, train, train_within};
 use keygraph::margins::within_margins;
-use keygraph::picture::{Framed, Part, read_framed, read_picture};
+use keygraph::picture::{Framed, Part, read_framed};
 use keygraph::pose::{Calibration, Width, parse_intrinsics};
 use keygraph::progress::Progress;
 use keygraph::run::{Options, Searched, default_threads, run};
@@ -99,6 +99,9 @@ enum Command {
         /// for each object of it, in order
         #[arg(long, value_name = "PICTURE")]
         picture: Vec<PathBuf>,
+        /// Part of the picture that shows the object, px [default: all that is opaque]
+        #[arg(long, value_name = "X,Y,W,H", allow_hyphen_values = true)]
+        crop: Option<Part>,
         /// How much the model of the picture holds
         #[arg(long, value_enum, default_value = "large")]
         preset: Preset,
@@ -203,10 +206,10 @@ fn dispatch(command: Command) -> Result<ExitCode> {
         }
         Command::Pack { models, output } => pack_all(&models, &output)?,
         Command::Inspect { model, json } => inspect(&model, json)?,
-        Command::Assess { input, picture, preset, luma, profile, views, threads, json, annotate } => {
+        Command::Assess { input, picture, crop, preset, luma, profile, views, threads, json, annotate } => {
             let threads = threads.map_or_else(default_threads, usize::from);
             let options = assess::Options { profile, views: usize::from(views), threads };
-            assess_all(&input, &picture, (preset, luma), &options, json, annotate.as_deref())?;
+            assess_all(&input, &picture, crop, (preset, luma), &options, json, annotate.as_deref())?;
         }
         Command::Detect { models, inputs, json, annotate, profile, threshold, threads, intrinsics, width_mm } => {
             let options = Options {
@@ -253,8 +256,9 @@ fn train_one(
     let name = name.unwrap_or_else(|| name_of(picture));
     let (bytes, trained) = train_within(&pixels, &name, preset, luma, bytes.unwrap_or(preset.bytes()))
         .with_context(|| format!("cannot train on {}", picture.display()))?;
-    fs::write(output, &bytes).with_context(|| format!("cannot write {}", output.display()))?;
+    // A model that would be refused is not left behind as a file.
     let model = Model::parse(&bytes)?;
+    fs::write(output, &bytes).with_context(|| format!("cannot write {}", output.display()))?;
     warn(&pixels, picture, &name, &model, &trained)?;
     if json {
         return print(&report::model_object(&model).to_string());
@@ -363,8 +367,8 @@ fn model_report(model: &Model<'_>, path: &Path) -> String {
 
 fn pack_all(models: &[PathBuf], output: &Path) -> Result<()> {
     let packed = load(models)?;
-    fs::write(output, &packed).with_context(|| format!("cannot write {}", output.display()))?;
     let model = Model::parse(&packed)?;
+    fs::write(output, &packed).with_context(|| format!("cannot write {}", output.display()))?;
     print(&format!("{} objects\n{}", model.objects(), model_report(&model, output)))
 }
 
@@ -407,6 +411,7 @@ fn inspect(path: &Path, json: bool) -> Result<()> {
 fn assess_all(
     input: &Path,
     pictures: &[PathBuf],
+    crop: Option<Part>,
     (preset, luma): (Preset, bool),
     options: &assess::Options,
     json: bool,
@@ -420,11 +425,18 @@ fn assess_all(
     let draw = |heat: &Heat, picture: &Picture| annotate.map_or(Ok(()), |path| heat.draw(picture).save(path));
     let is_model = fs::read(input).is_ok_and(|bytes| bytes.starts_with(&MAGIC));
     let (bytes, pictures) = if is_model {
-        let pictures = pictures.iter().map(|p| read_picture(p)).collect::<Result<Vec<_>>>()?;
+        ensure!(
+            crop.is_none() || pictures.len() == 1,
+            "--crop goes with one picture, and {} were given",
+            pictures.len()
+        );
+        let pictures = pictures.iter().map(|p| Ok(read_framed(p, crop)?.picture)).collect::<Result<Vec<_>>>()?;
         (load(&[input.to_path_buf()])?, pictures)
     } else {
         ensure!(pictures.is_empty(), "--picture goes with a model, and {} is none: leave it out", input.display());
-        let picture = read_picture(input)?;
+        let framed = read_framed(input, crop)?;
+        tell_framing(&framed, input, crop.is_some());
+        let picture = framed.picture;
         let name = name_of(input);
         match train(&picture, &name, preset, luma) {
             Ok((model, _)) => (model, vec![picture]),

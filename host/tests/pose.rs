@@ -2,20 +2,24 @@
 //! that `detect` reports are held against them.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
 
-mod studio;
+mod program;
 
-use std::ffi::OsString;
+use std::ffi::OsStr;
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use keygraph::render::Exposure;
+use program::{CLEAR, Folder, Map, Run, frame, keygraph, numbers, photograph, picture};
 use serde_json::Value;
-use studio::{Folder, Map, Run, asset, background, keygraph, numbers, photograph, pixels};
 
 /// Focal length and principal point of the camera, px.
 const FOCAL: f64 = 560.0;
 const CENTRE: [f64; 2] = [322.0, 236.0];
 const INTRINSICS: &str = "560,560,322,236";
 const WIDTH_MM: f64 = 200.0;
+/// Width and height of its frames, px.
+const FRAME: (usize, usize) = (640, 480);
+const DIM_AND_NOISY: Exposure = Exposure { gain: 0.67, blur_px: 0.0, noise: 5.0 };
 
 /// Rotation in row order and the place of the picture's middle, mm.
 struct Pose {
@@ -77,26 +81,18 @@ fn poses() -> Vec<Pose> {
 /// The compact model of an asset.
 fn compact(folder: &Folder, name: &str) -> PathBuf {
     let model = folder.join(name).with_extension("kgm");
-    let arguments = ["train".into(), asset(name).into_os_string(), "-o".into(), model.clone().into_os_string()];
-    keygraph(arguments.into_iter().chain(["--preset".into(), "compact".into()])).ended_with(0);
+    let picture = picture(name);
+    let arguments: [&OsStr; 6] =
+        ["train".as_ref(), picture.as_ref(), "-o".as_ref(), model.as_ref(), "--preset".as_ref(), "compact".as_ref()];
+    keygraph(&arguments).ended_with(0);
     model
 }
 
 fn detect(models: &[PathBuf], input: &Path, options: &[&str]) -> Run {
-    let mut arguments: Vec<OsString> = vec!["detect".into(), "--json".into(), input.into()];
-    arguments.extend(models.iter().flat_map(|m| ["-m".into(), m.into()]));
-    arguments.extend(options.iter().map(Into::into));
-    keygraph(arguments)
-}
-
-/// Two thirds of the light, and noise of up to 8 gray levels.
-fn dim_and_noisy(frame: &mut image::RgbImage) {
-    let mut seed = 1u32;
-    for sample in frame.iter_mut() {
-        seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-        let noise = (seed >> 16) as i32 % 17 - 8;
-        *sample = (i32::from(*sample) * 2 / 3 + 10 + noise).clamp(0, 255) as u8;
-    }
+    let mut arguments: Vec<&OsStr> = vec!["detect".as_ref(), "--json".as_ref(), input.as_ref()];
+    arguments.extend(models.iter().flat_map(|m| ["-m".as_ref(), m.as_os_str()]));
+    arguments.extend(options.iter().map(OsStr::new));
+    keygraph(&arguments)
 }
 
 fn median(values: &[f64]) -> f64 {
@@ -110,13 +106,10 @@ fn reported_poses_are_those_that_were_rendered() {
     let folder = Folder::new("poses");
     let (model, frames) = (compact(&folder, "astronaut"), folder.join("frames"));
     fs::create_dir(&frames).unwrap();
-    let (picture, wall) = (pixels("astronaut"), background("gravel"));
-    let (w, h) = picture.dimensions();
     let truths = poses();
     for (i, truth) in truths.iter().enumerate() {
-        let mut frame = photograph(&picture, &truth.map([f64::from(w), f64::from(h)]), &wall);
-        dim_and_noisy(&mut frame);
-        frame.save(frames.join(format!("{i:02}.png"))).unwrap();
+        let frame = frames.join(format!("{i:02}.png"));
+        photograph("astronaut", &truth.map([512.0, 512.0]), FRAME, &DIM_AND_NOISY, &frame);
     }
     let width = WIDTH_MM.to_string();
     let annotated = folder.join("annotated");
@@ -158,9 +151,11 @@ fn intrinsics_are_those_of_the_input_as_given() {
     let folder = Folder::new("large");
     let frame = folder.join("large.png");
     let truth = Pose::new(30.0, 40.0, 15.0, [20.0, -15.0, 420.0]);
-    let small = photograph(&pixels("coffee"), &truth.map([600.0, 400.0]), &background("brick"));
-    image::imageops::resize(&small, 1280, 960, image::imageops::FilterType::Triangle).save(&frame).unwrap();
     // (x + 1/2) * 2 - 1/2: pixel centres are at integers.
+    let map = truth.map([600.0, 400.0]);
+    let twice = |i: usize| 2.0 * map[i] + 0.5 * map[6 + i % 3];
+    let large: Map = std::array::from_fn(|i| if i < 6 { twice(i) } else { map[i] });
+    photograph("coffee", &large, (1280, 960), &CLEAR, &frame);
     let camera = ["--intrinsics", "1120,1120,644.5,472.5", "--width-mm", "coffee=200"];
     let run = detect(&[compact(&folder, "coffee")], &frame, &camera).ended_with(0);
     let (degrees, part) = truth.errors(&run.lines()[0]["detections"][0]["pose"]);
@@ -172,7 +167,7 @@ fn far_and_nearly_frontal_is_ambiguous_but_well_placed() {
     let folder = Folder::new("far");
     let frame = folder.join("far.png");
     let truth = Pose::new(4.0, 70.0, 20.0, [60.0, 30.0, 1000.0]);
-    photograph(&pixels("astronaut"), &truth.map([512.0, 512.0]), &background("brick")).save(&frame).unwrap();
+    photograph("astronaut", &truth.map([512.0, 512.0]), FRAME, &CLEAR, &frame);
     let camera = ["--intrinsics", INTRINSICS, "--width-mm", "200"];
     let run = detect(&[compact(&folder, "astronaut")], &frame, &camera).ended_with(0);
     let pose = &run.lines()[0]["detections"][0]["pose"];
@@ -187,7 +182,7 @@ fn far_and_nearly_frontal_is_ambiguous_but_well_placed() {
 fn each_object_has_its_own_width_or_all_have_one() {
     let folder = Folder::new("widths");
     let models = ["astronaut", "coffee"].map(|name| compact(&folder, name));
-    let frame = asset("../sequence/0017");
+    let frame = frame(17);
     let run = |widths: &[&str]| {
         let mut options = vec!["--intrinsics", INTRINSICS];
         options.extend(widths.iter().flat_map(|w| ["--width-mm", w]));

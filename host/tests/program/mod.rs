@@ -1,0 +1,176 @@
+//! What the tests of the program share: how it is run, and what it reads.
+//!
+//! In: arguments, standard input, maps of a picture into a frame. Out: what a run
+//! left behind, folders that clean up after themselves, rendered frames.
+#![allow(dead_code, reason = "each test file uses its own part")]
+
+use std::ffi::OsStr;
+use std::fs;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::thread;
+
+use image::RgbImage;
+use keygraph::annotate::Canvas;
+use keygraph::input::read_picture;
+use keygraph::render::{Exposure, Print, Random, Scene};
+use keygraph_core::geometry::Homography;
+use serde_json::Value;
+
+// ------------------------------------------------------------------- running
+
+/// What a run left behind.
+pub struct Run {
+    pub status: i32,
+    pub out: String,
+    pub err: String,
+}
+
+/// The program, with `arguments` and `input` on its standard input, in `folder`.
+pub fn run_in<S: AsRef<OsStr>>(folder: &Path, arguments: &[S], input: &[u8]) -> Run {
+    let mut child = Command::new(env!("CARGO_BIN_EXE_keygraph"))
+        .current_dir(folder)
+        .args(arguments)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut stdin = child.stdin.take().unwrap();
+    let output = thread::scope(|scope| {
+        // A program that refuses its input closes the pipe: that is no error here.
+        scope.spawn(move || drop(stdin.write_all(input)));
+        child.wait_with_output().unwrap()
+    });
+    Run {
+        status: output.status.code().expect("ended by a signal"),
+        out: String::from_utf8(output.stdout).unwrap(),
+        err: String::from_utf8(output.stderr).unwrap(),
+    }
+}
+
+/// The program, with `arguments`, in the folder of temporary files.
+pub fn keygraph<S: AsRef<OsStr>>(arguments: &[S]) -> Run {
+    run_in(&std::env::temp_dir(), arguments, b"")
+}
+
+impl Run {
+    #[track_caller]
+    pub fn ended_with(self, status: i32) -> Self {
+        assert_eq!(self.status, status, "exit status; standard error:\n{}\nstandard output:\n{}", self.err, self.out);
+        self
+    }
+
+    /// Failed with status 1, printed nothing, and said all of `words`.
+    #[track_caller]
+    pub fn refused_with(self, words: &[&str]) -> Self {
+        let run = self.ended_with(1);
+        assert_eq!(run.out, "", "standard output of a run that is refused");
+        run.said(words)
+    }
+
+    /// Said all of `words` on standard error.
+    #[track_caller]
+    pub fn said(self, words: &[&str]) -> Self {
+        for word in words {
+            assert!(self.err.contains(word), "{word:?} is not in standard error:\n{}", self.err);
+        }
+        assert!(!self.err.contains("panicked"), "a panic:\n{}", self.err);
+        self
+    }
+
+    /// The one JSON object that it printed.
+    #[track_caller]
+    pub fn object(&self) -> Value {
+        let value: Value = serde_json::from_str(&self.out).unwrap_or_else(|e| panic!("{e} in\n{}", self.out));
+        assert!(value.is_object(), "no object: {value}");
+        value
+    }
+
+    /// Its lines, each of which must be JSON.
+    #[track_caller]
+    pub fn lines(&self) -> Vec<Value> {
+        let line = |l: &str| serde_json::from_str(l).unwrap_or_else(|e| panic!("{e} in the line\n{l}"));
+        self.out.lines().map(line).collect()
+    }
+}
+
+/// The numbers of a JSON array of `N`.
+#[track_caller]
+pub fn numbers<const N: usize>(v: &Value) -> [f64; N] {
+    let all: Vec<f64> = v.as_array().unwrap().iter().map(|n| n.as_f64().unwrap()).collect();
+    all.try_into().unwrap_or_else(|_| panic!("not {N} numbers: {v}"))
+}
+
+// --------------------------------------------------------------------- files
+
+/// An empty folder that is removed with all that is in it.
+pub struct Folder(pub PathBuf);
+
+impl Folder {
+    /// `name` must be used by one test of a file only.
+    pub fn new(name: &str) -> Self {
+        let test = env!("CARGO_CRATE_NAME");
+        let path = std::env::temp_dir().join(format!("keygraph-{test}-{}-{name}", std::process::id()));
+        fs::create_dir_all(&path).unwrap();
+        Self(path)
+    }
+
+    pub fn join(&self, name: &str) -> PathBuf {
+        self.0.join(name)
+    }
+
+    pub fn file(&self, name: &str, bytes: &[u8]) -> PathBuf {
+        let path = self.join(name);
+        fs::write(&path, bytes).unwrap();
+        path
+    }
+
+    /// Names of the files in it, sorted.
+    pub fn names(&self) -> Vec<String> {
+        let mut names: Vec<_> =
+            fs::read_dir(&self.0).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+        names.sort();
+        names
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = fs::remove_dir_all(&self.0);
+    }
+}
+
+pub fn assets() -> PathBuf {
+    fs::canonicalize(Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets")).unwrap()
+}
+
+pub fn picture(name: &str) -> PathBuf {
+    assets().join("pictures").join(name).with_extension("jpg")
+}
+
+pub fn frame(index: u32) -> PathBuf {
+    assets().join("sequence").join(format!("{index:04}.jpg"))
+}
+
+pub fn pixels(path: &Path) -> RgbImage {
+    image::open(path).unwrap().into_rgb8()
+}
+
+// -------------------------------------------------------------------- frames
+
+/// A projective map in row order.
+pub type Map = [f64; 9];
+
+/// The frame as the scene is: neither darker nor blurred, without noise.
+pub const CLEAR: Exposure = Exposure { gain: 1.0, blur_px: 0.0, noise: 0.0 };
+
+/// Writes a frame of `width` x `height` px that shows a picture of the repository
+/// where `map` (picture px to frame px) puts it, before dead leaves.
+pub fn photograph(name: &str, map: &Map, (width, height): (usize, usize), exposure: &Exposure, frame: &Path) {
+    let mut random = Random::new(1);
+    let mut scene = Scene::dead_leaves(width, height, &mut random);
+    scene.lay_at(&Print::new(&read_picture(&picture(name)).unwrap()), &Homography(map.map(|v| v as f32)));
+    Canvas::from_picture(&scene.expose(exposure, &mut random)).save(frame).unwrap();
+}
