@@ -58,15 +58,15 @@ type Change = fn(&mut Pose, &mut Exposure);
 /// beyond.
 const CONDITIONS: [(&str, Change); 10] = [
     ("plain", |_, _| ()),
-    ("110 px", |p, _| p.side_px = 110.0),
+    ("60 px", |p, _| p.side_px = 60.0),
     ("500 px", |p, _| p.side_px = 500.0),
     ("tilt 30", |p, _| p.tilt_deg = 30.0),
     ("tilt 50", |p, _| p.tilt_deg = 50.0),
-    ("tilt 65", |p, _| p.tilt_deg = 65.0),
-    ("blur 2", |_, e| e.blur_px = 2.0),
-    ("blur 4", |_, e| e.blur_px = 4.0),
-    ("light 10%", |_, e| e.gain = 0.1),
-    ("noise 20", |_, e| e.noise = 20.0),
+    ("tilt 70", |p, _| p.tilt_deg = 70.0),
+    ("blur 3", |_, e| e.blur_px = 3.0),
+    ("blur 6", |_, e| e.blur_px = 6.0),
+    ("light 6%", |_, e| e.gain = 0.06),
+    ("noise 60", |_, e| e.noise = 60.0),
 ];
 
 /// Mean of the corners.
