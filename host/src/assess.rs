@@ -236,7 +236,7 @@ pub fn assess(
     if let Some(p) = picture {
         ensure!(
             (p.width, p.height) == (object.width, object.height),
-            "{} was trained on a picture of {}x{} px, and this one has {}x{}: give the picture that the model was made from",
+            "{} was trained on a picture of {}x{} px, and this one has {}x{}: give the picture, and the --crop, that the model was made from",
             object.name,
             object.width,
             object.height,

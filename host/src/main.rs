@@ -202,7 +202,7 @@ fn main() -> ExitCode {
 fn dispatch(command: Command) -> Result<ExitCode> {
     match command {
         Command::Train { picture, crop, output, name, preset, bytes, luma, json } => {
-            train_one(&picture, crop, &output, name, preset, bytes, luma, json)?;
+            train_one(&picture, crop, &output, name, (preset, luma), bytes, json)?;
         }
         Command::Pack { models, output } => pack_all(&models, &output)?,
         Command::Inspect { model, json } => inspect(&model, json)?,
@@ -234,9 +234,8 @@ fn train_one(
     crop: Option<Part>,
     output: &Path,
     name: Option<String>,
-    preset: Preset,
+    (preset, luma): (Preset, bool),
     bytes: Option<usize>,
-    luma: bool,
     json: bool,
 ) -> Result<()> {
     // Training takes a second: a folder that is not there is said before.

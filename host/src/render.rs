@@ -258,7 +258,7 @@ impl Scene {
         let outline = h.after(&shape).outline(print.size.0, print.size.1);
         let side = |i: usize| {
             let ([a, b], [c, d]) = (outline[i], outline[(i + 1) % 4]);
-            length(a - c, b - d) / if i % 2 == 0 { print.size.0 } else { print.size.1 }
+            length(a - c, b - d) / if i.is_multiple_of(2) { print.size.0 } else { print.size.1 }
         };
         let (w, ht, rgb) = print.at((0..4).map(side).fold(0.0, f32::max));
         let texels = rgb.as_chunks::<3>().0;

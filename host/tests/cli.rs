@@ -773,6 +773,20 @@ fn a_model_alone_has_no_score_and_with_its_picture_has_the_pictures() {
 }
 
 #[test]
+fn a_part_of_a_picture_is_assessed_as_it_is_trained() {
+    let folder = Folder::new("assess-crop");
+    let (astronaut, model) = (picture("astronaut"), folder.join("part.kgm"));
+    let crop = "50,40,300,280";
+    keygraph!("train", astronaut, "--crop", crop, "-o", model).ended_with(0);
+    let whole = keygraph!("assess", astronaut, "--crop", crop, "--views", "1", "--json").ended_with(0).object();
+    assert_eq!((count(&whole["structure"], "width"), count(&whole["structure"], "height")), (300, 280));
+    let of_model = keygraph!("assess", model, "--picture", astronaut, "--crop", crop, "--views", "1", "--json");
+    assert_eq!(of_model.ended_with(0).object()["table"], whole["table"]);
+    keygraph!("assess", model, "--picture", astronaut).refused_with(&["300x280", "512x512"]);
+    keygraph!("assess", model, "--crop", crop).refused_with(&["--crop goes with one picture"]);
+}
+
+#[test]
 fn a_heat_map_that_cannot_be_written_is_refused_before_the_frames() {
     let folder = Folder::new("assess-annotate");
     let path = drawn(&folder, "p.png", [100, 100], |x, y| [(x * y) as u8; 3]);
