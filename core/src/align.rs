@@ -37,7 +37,7 @@ pub struct Appearance {
     pub inside: u16,
     /// Their median correlation, -1 to 1.
     pub median: f32,
-    /// How many blocks agree: the sum of their [`agreement`]s.
+    /// How many blocks agree: the sum of their agreements.
     pub support: f32,
     /// Correlation of chroma over the whole object, -1 to 1; 0 when either has
     /// too little chroma to tell.

@@ -36,7 +36,7 @@ const fn tilted(side_px: f32, squeeze: f32, direction_deg: f32, keypoints: u8) -
     ViewSpec { side_px, squeeze, direction_deg, keypoints }
 }
 
-const VIEWS: [ViewSpec; 13] = [
+const VIEWS: [ViewSpec; 21] = [
     upright(400.0, 110),
     upright(280.0, 110),
     upright(200.0, 100),
@@ -50,6 +50,14 @@ const VIEWS: [ViewSpec; 13] = [
     tilted(180.0, 0.7, 45.0, 80),
     tilted(180.0, 0.7, 90.0, 80),
     tilted(180.0, 0.7, 135.0, 80),
+    tilted(400.0, 0.5, 0.0, 80),
+    tilted(400.0, 0.5, 45.0, 80),
+    tilted(400.0, 0.5, 90.0, 80),
+    tilted(400.0, 0.5, 135.0, 80),
+    tilted(220.0, 0.5, 0.0, 70),
+    tilted(220.0, 0.5, 45.0, 70),
+    tilted(220.0, 0.5, 90.0, 70),
+    tilted(220.0, 0.5, 135.0, 70),
 ];
 
 const PAPER_VIEW: [ViewSpec; 1] = [upright(640.0, 79)];
