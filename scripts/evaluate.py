@@ -727,8 +727,8 @@ def curves(args, folder):
 
 
 # Most bytes of the presets, so that each size is trained with the preset made for it.
-PRESETS = [("compact", 512 << 10), ("standard", 1_500_000), ("large", 6_000_000)]
-SIZES = [32 << 10, 64 << 10, 128 << 10, 256 << 10, 512 << 10, 1 << 20, 1_500_000, 3 << 20, 6_000_000]
+PRESETS = [("compact", 512 << 10), ("standard", 1_500_000), ("large", 2_000_000)]
+SIZES = [32 << 10, 64 << 10, 128 << 10, 256 << 10, 512 << 10, 1 << 20, 2_000_000, 6_000_000]
 
 
 def economy(args, folder):
@@ -741,7 +741,7 @@ def economy(args, folder):
     studio = Studio(folder, read_pictures(args.backgrounds, 3, "backgrounds"), args.seed)
     lines = {"Keygraph": [], "Keygraph luma": [], "SIFT": [Rival("SIFT")], "ORB": [Rival("ORB")]}
     for cap in SIZES:
-        preset = next(name for name, most in PRESETS if cap <= most)
+        preset = next((name for name, most in PRESETS if cap <= most), "large")
         train = ["--preset", preset, "--bytes", str(cap)]
         lines["Keygraph"].append(Keygraph(f"both {cap}", args.keygraph, folder, train, threads=2))
         lines["Keygraph luma"].append(Keygraph(f"luma {cap}", args.keygraph, folder, [*train, "--luma"], threads=2))

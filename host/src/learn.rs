@@ -18,7 +18,7 @@ use crate::search::fit;
 /// How much a model holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Preset {
-    /// Up to 6 MB: finds most.
+    /// Up to 2 MB: all that helps; more finds no more (docs/economy.png).
     Large,
     /// Up to 1.5 MB: fits the flash of the larger boards.
     Standard,
@@ -67,7 +67,7 @@ impl Preset {
     #[must_use]
     pub const fn bytes(self) -> usize {
         match self {
-            Self::Large => 6_000_000,
+            Self::Large => 2_000_000,
             Self::Standard => 1_500_000,
             Self::Compact => 512 << 10,
             Self::Paper => 8 << 20,
@@ -116,7 +116,7 @@ pub fn train(picture: &Picture, name: &str, preset: Preset, luma_only: bool) -> 
     train_within(picture, name, preset, luma_only, preset.bytes())
 }
 
-/// Like [`train`], into a model of at most `bytes` bytes; never more than the
+/// Like [`train`], into a model of at most `bytes` bytes instead of the
 /// preset's.
 ///
 /// # Errors
@@ -131,7 +131,7 @@ pub fn train_within(
     static TRAINER: Mutex<VgaTrainer> = Mutex::new(VgaTrainer::new());
     let scaled = fit(picture, 640, 640 * 480);
     let frame = Frame::new(scaled.format, scaled.width, scaled.height, &scaled.data).context("the picture")?;
-    let mut model = vec![0; bytes.min(preset.bytes())];
+    let mut model = vec![0; bytes];
     let mut trainer = TRAINER.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
     let luma_only = luma_only || (preset != Preset::Paper && !has_colour(picture));
     let params = preset.params(name, luma_only);

@@ -58,8 +58,8 @@ enum Command {
         /// How much the model holds
         #[arg(long, value_enum, default_value = "large")]
         preset: Preset,
-        /// Most bytes of the model, where the preset's are too many
-        #[arg(long, value_name = "N")]
+        /// Most bytes of the model, instead of the preset's
+        #[arg(long, value_name = "N", value_parser = model_size)]
         bytes: Option<usize>,
         /// For cameras without colour
         #[arg(long)]
@@ -182,6 +182,14 @@ fn score(s: &str) -> Result<f32, String> {
     match s.parse::<f32>() {
         Ok(v) if (0.0..=1.0).contains(&v) => Ok(v),
         _ => Err("a score lies between 0 and 1".into()),
+    }
+}
+
+fn model_size(s: &str) -> Result<usize, String> {
+    const MOST: usize = 64 << 20;
+    match s.parse() {
+        Ok(v) if v <= MOST => Ok(v),
+        _ => Err(format!("a number of bytes up to {MOST}, please")),
     }
 }
 
