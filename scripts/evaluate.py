@@ -635,8 +635,8 @@ def draw_curves(numbers):
                   fontsize=12.5, handlelength=2.4, columnspacing=1.8)
     n = numbers["objects"] * numbers["frames"]
     figure.text(0.012, 0.012, f"{numbers['objects']} objects, {n} rendered frames of {WIDTH}x{HEIGHT} px a point, "
-                f"good to ±{98 / math.sqrt(n):.0f} % at worst. What a panel does not name is plain: scale 0.5 to 1, "
-                "any rotation, tilt to 20 degrees.\nBlur and noise: standard deviation. "
+                f"good to ±{98 / math.sqrt(n):.0f} % at worst. What a panel does not name is plain:\nscale 0.5 to 1, "
+                "any rotation, tilt to 20 degrees. Blur and noise: standard deviation. "
                 "Lines that coincide are drawn side by side.",
                 fontsize=10.5, color="#555555", linespacing=1.4)
     return figure
