@@ -16,8 +16,7 @@ use crate::geometry::{Homography, area, is_convex};
 use crate::math;
 use crate::model::Template;
 use crate::pose::solve;
-use crate::pyramid::{Plane, PyramidView};
-use crate::verify::{into_level, out_of_level};
+use crate::pyramid::{Plane, PyramidView, into_level, out_of_level};
 
 /// Blocks each way.
 pub const BLOCKS: usize = 6;
@@ -105,13 +104,6 @@ impl Sums {
     }
 }
 
-/// Template px to frame px, by a homography from picture px.
-#[must_use]
-pub fn from_template(h: &Homography, template: &Template<'_>, width: f32, height: f32) -> Homography {
-    let (sx, sy) = (width / template.width as f32, height / template.height as f32);
-    h.after(&Homography::affine([sx, 0.0, (sx - 1.0) / 2.0, 0.0, sy, (sy - 1.0) / 2.0]))
-}
-
 /// The pyramid level whose pixels are about as large in the frame as those of the
 /// template are under `h` (template px to frame px).
 fn level_for(h: &Homography, width: f32, height: f32) -> usize {
@@ -134,7 +126,7 @@ impl Blocks {
     fn new(view: &PyramidView<'_>, template: &Template<'_>, level: usize, h: &Homography, [w, h_]: [f32; 2]) -> Self {
         let luma = template.luma(level);
         let (tw, th) = (luma.width(), luma.height());
-        let h = from_template(h, template, w, h_).after(&out_of_level(level));
+        let h = h.after(&template.to_picture(w, h_)).after(&out_of_level(level));
         let target = level_for(&h, tw as f32, th as f32);
         let plane = view.luma(target);
         let map = into_level(target).after(&h);
@@ -186,7 +178,7 @@ pub fn appearance(
     height: f32,
 ) -> Appearance {
     let mut blocks = Blocks::new(view, template, 0, h, [width, height]);
-    let map = from_template(h, template, width, height);
+    let map = h.after(&template.to_picture(width, height));
     let level = level_for(&map, template.width as f32, template.height as f32);
     Appearance {
         blocks: u16::try_from(blocks.n).unwrap_or(0),
@@ -215,14 +207,15 @@ pub fn refine(view: &PyramidView<'_>, template: &Template<'_>, h: &Homography, w
     let middle = [template.width, template.height].map(|v| (v as f32 - 1.0) / 2.0);
     // Template px from coordinates near 1, with the origin in the middle.
     let unit = Homography::affine([side, 0.0, middle[0], 0.0, side, middle[1]]);
+    let to_picture = template.to_picture(width, height);
     let support = |h: &Homography| Blocks::new(view, template, 1, h, [width, height]).support();
     let mut best = (*h, support(h));
-    let Some(back) = from_template(&Homography::IDENTITY, template, width, height).after(&unit).inverse() else {
+    let Some(back) = to_picture.after(&unit).inverse() else {
         return *h;
     };
     for (level, blocks, times) in REFINEMENTS {
         let coarse = Coarse::new(template, level, blocks, side, middle);
-        let mut g = from_template(&best.0, template, width, height).after(&unit);
+        let mut g = best.0.after(&to_picture).after(&unit);
         for _ in 0..times {
             let Some(next) = coarse.improve(view, &g) else { break };
             g = next;
@@ -290,7 +283,7 @@ impl<'a> Coarse<'a> {
         let px2 = area(&outline) / (self.size[0] * self.size[1]) as f32;
         let level = usize::try_from(math::round(math::log2(px2) / 2.0 - 0.2)).unwrap_or(0).min(LEVELS - 1);
         let plane = view.luma(level);
-        let at = at_level(g, level);
+        let at = into_level(level).after(g);
 
         let mut sums = [Sums::default(); BLOCKS * BLOCKS];
         self.each(&plane, &at, |b, x, y, _, f| sums[b].add(self.at(x, y), f));
@@ -337,11 +330,6 @@ impl<'a> Coarse<'a> {
     }
 }
 
-/// The same map into a pyramid level.
-fn at_level(h: &Homography, level: usize) -> Homography {
-    into_level(level).after(h)
-}
-
 /// Bilinear sample; `None` outside the plane.
 fn bilinear(plane: &Plane<'_, u8>, [x, y]: [f32; 2]) -> Option<f32> {
     let (w, h) = (plane.width() as f32, plane.height() as f32);
@@ -362,7 +350,7 @@ fn chroma_correlation(view: &PyramidView<'_>, template: &Template<'_>, h: &Homog
     let planes = view.chroma(level.min(LEVELS - 1));
     let source = template.chroma(0);
     // Chroma px are twice as large on both sides, so the same level fits.
-    let to = at_level(&h.after(&Homography::affine([2.0, 0.0, 0.5, 0.0, 2.0, 0.5])), level + 1);
+    let to = into_level(level + 1).after(&h.after(&Homography::affine([2.0, 0.0, 0.5, 0.0, 2.0, 0.5])));
     let mut sums = [Sums::default(); 2];
     for y in 0..ch {
         for x in 0..cw {

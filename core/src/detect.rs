@@ -23,7 +23,7 @@ use crate::geometry::{Homography, Point, area, contains};
 use crate::keygraph::{Keygraph, collect_keygraphs};
 use crate::math;
 use crate::method::{Parameters, Ranking};
-use crate::model::Model;
+use crate::model::{Model, Object, View};
 use crate::pose::{
     AGREEMENT, CORNER_NOISE_PX, MAX_CORNERS, Normalised, Pair, SHAPES, collect_pairs, count_agreeing, grow,
 };
@@ -509,12 +509,19 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
 
     /// Casts the votes of the matches whose surroundings look alike.
     fn cast_votes(&mut self, model: &Model<'_>, rules: &Parameters) {
-        let view = self.pyramid.view();
+        let frame = self.pyramid.view();
+        let gray = model.feature() == FeatureKind::Luma;
         let mut stats = StageStats { seen: count(self.matches.len()), ..StageStats::default() };
         for &(i, m) in &self.matches {
             let to = vertices(&self.points, &self.keygraphs[usize::from(i)]).map(|(_, p)| p);
-            let weight = weigh(&view, model, &m, &to, rules);
-            let Some(v) = weight.and_then(|w| cast(model, m, i, to, w)) else { continue };
+            let (v, from) = model.keygraph(m.keygraph as usize);
+            let (v, from) = (model.view(v), from.map(Point::px));
+            let o = model.object(usize::from(v.object));
+            let weight = match rules.verify {
+                Some(least) => weigh(&frame, &o, &v, &from, &to, gray, least),
+                None => Some(1),
+            };
+            let Some(v) = weight.and_then(|w| cast(&o, &v, m, i, from, to, w)) else { continue };
             match self.votes.push(v) {
                 Ok(()) => stats.kept += 1,
                 Err(_) => stats.dropped += 1,
@@ -619,16 +626,19 @@ fn similar(model: &Model<'_>, c: &Candidate) -> Detection {
     }
 }
 
-/// How much the vote of a match counts, 1 to 16; `None` when its surroundings do
-/// not look alike.
-fn weigh(view: &PyramidView<'_>, model: &Model<'_>, m: &Match, to: &[[f32; 2]; 3], rules: &Parameters) -> Option<u8> {
-    let Some(least) = rules.verify else { return Some(1) };
-    let (v, from) = model.keygraph(m.keygraph as usize);
-    let v = model.view(v);
-    let o = model.object(usize::from(v.object));
-    let to_template = o.template.from_picture(o.width as f32, o.height as f32).after(&v.to_picture);
-    let from = from.map(|p| to_template.apply_affine(p.px()));
-    let l = likeness(view, &o.template, &from, to, model.feature() == FeatureKind::Luma);
+/// How much the vote of a match counts, 1 to 16; `None` when its surroundings are
+/// less than `least` alike.
+fn weigh(
+    frame: &PyramidView<'_>,
+    object: &Object<'_>,
+    view: &View,
+    from: &[[f32; 2]; 3],
+    to: &[[f32; 2]; 3],
+    gray: bool,
+    least: f32,
+) -> Option<u8> {
+    let to_template = object.template.from_picture(object.width as f32, object.height as f32).after(&view.to_picture);
+    let l = likeness(frame, &object.template, &from.map(|p| to_template.apply_affine(p)), to, gray);
     (l >= least).then(|| u8::try_from(math::round(1.0 + 15.0 * (l - least) / (2.0 - least))).unwrap_or(1))
 }
 

@@ -225,6 +225,13 @@ impl<'a> Template<'a> {
         Homography::affine([sx, 0.0, (sx - 1.0) / 2.0, 0.0, sy, (sy - 1.0) / 2.0])
     }
 
+    /// Px of level 0 to px of a picture of this size.
+    #[must_use]
+    pub fn to_picture(&self, width: f32, height: f32) -> Homography {
+        let (sx, sy) = (width / self.width as f32, height / self.height as f32);
+        Homography::affine([sx, 0.0, (sx - 1.0) / 2.0, 0.0, sy, (sy - 1.0) / 2.0])
+    }
+
     /// Luma of level `level`.
     ///
     /// # Panics

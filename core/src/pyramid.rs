@@ -11,7 +11,7 @@
 
 use crate::capacity::LEVELS;
 use crate::frame::{Frame, FrameError, MAX_SIDE, NO_CHROMA};
-use crate::geometry::Point;
+use crate::geometry::{Homography, Point};
 
 /// A borrowed plane of pixels without padding.
 #[derive(Clone, Copy, Debug)]
@@ -236,6 +236,20 @@ pub(crate) fn level_of<T>(data: &[T], width: usize, height: usize, level: usize)
     let start = (0..level).map(|l| (width >> l) * (height >> l)).sum();
     let (width, height) = (width >> level, height >> level);
     Plane { data: &data[start..][..width * height], width, height }
+}
+
+/// Level 0 px of a plane's pyramid to px of level `level`.
+#[must_use]
+pub fn into_level(level: usize) -> Homography {
+    let s = 1.0 / f32::from(1u8 << level);
+    Homography::affine([s, 0.0, (s - 1.0) / 2.0, 0.0, s, (s - 1.0) / 2.0])
+}
+
+/// Px of level `level` to those of level 0.
+#[must_use]
+pub fn out_of_level(level: usize) -> Homography {
+    let s = f32::from(1u8 << level);
+    Homography::affine([s, 0.0, (s - 1.0) / 2.0, 0.0, s, (s - 1.0) / 2.0])
 }
 
 /// The point of level 0 that lies at `p` in level `level` (pixel centres at

@@ -16,7 +16,7 @@ use crate::frame::NO_CHROMA;
 use crate::geometry::Homography;
 use crate::math;
 use crate::model::Template;
-use crate::pyramid::{Plane, PyramidView};
+use crate::pyramid::{Plane, PyramidView, into_level, out_of_level};
 
 /// Half of a window's side, in square roots of the triangle's area.
 const HALF_SIDE: f32 = 1.5;
@@ -55,20 +55,6 @@ pub fn affine_through(from: &[[f32; 2]; 3], to: &[[f32; 2]; 3]) -> Option<Homogr
     };
     let ([a, b, c], [d, e, f]) = (row(0), row(1));
     Some(Homography::affine([a, b, c, d, e, f]))
-}
-
-/// Level 0 px of a plane's pyramid to px of level `level`.
-#[must_use]
-pub fn into_level(level: usize) -> Homography {
-    let s = 1.0 / f32::from(1u8 << level);
-    Homography::affine([s, 0.0, (s - 1.0) / 2.0, 0.0, s, (s - 1.0) / 2.0])
-}
-
-/// Px of level `level` to those of level 0.
-#[must_use]
-pub fn out_of_level(level: usize) -> Homography {
-    let s = f32::from(1u8 << level);
-    Homography::affine([s, 0.0, (s - 1.0) / 2.0, 0.0, s, (s - 1.0) / 2.0])
 }
 
 /// Fraction bits of a position.

@@ -15,9 +15,9 @@ use heapless::VecView;
 
 use crate::capacity::StageStats;
 use crate::classify::Match;
-use crate::geometry::{Homography, Point};
+use crate::geometry::Homography;
 use crate::math;
-use crate::model::{Model, View};
+use crate::model::{Object, View};
 
 /// A pose hypothesis: where the middle of an object lies, and its turn and size.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -96,15 +96,20 @@ pub fn similarity(view: &View, object_size: f32, from: [[f32; 2]; 3], to: [[f32;
     })
 }
 
-/// Makes the vote of one match, which counts `weight`. `to` are the frame
-/// keygraph's vertices in level 0, px.
+/// Makes the vote of one match, which counts `weight`: `from` are its vertices in
+/// `view` of `object`, px; `to` those of the frame keygraph in level 0, px.
 #[must_use]
-pub fn cast(model: &Model<'_>, m: Match, frame_keygraph: u16, to: [[f32; 2]; 3], weight: u8) -> Option<Vote> {
-    let (view, from) = model.keygraph(m.keygraph as usize);
-    let view = model.view(view);
-    let object = model.object(usize::from(view.object));
+pub fn cast(
+    object: &Object<'_>,
+    view: &View,
+    m: Match,
+    frame_keygraph: u16,
+    from: [[f32; 2]; 3],
+    to: [[f32; 2]; 3],
+    weight: u8,
+) -> Option<Vote> {
     let object_size = math::sqrt(object.width as f32 * object.height as f32);
-    let pose = similarity(&view, object_size, from.map(Point::px), to)?;
+    let pose = similarity(view, object_size, from, to)?;
     Some(Vote { pose, model_keygraph: m.keygraph, frame_keygraph, object: view.object, weight })
 }
 
