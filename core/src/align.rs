@@ -190,13 +190,14 @@ pub fn appearance(
 }
 
 /// Steps of [`refine`]: level of the template, blocks each way whose light is
-/// evened out, and how often.
-const REFINEMENTS: [(usize, usize, usize); 3] = [(2, 4, 5), (1, 6, 4), (0, 6, 3)];
+/// evened out, how often, and the share of the support so far that must be left.
+/// Support is seen on level 1, too coarse to tell what the finest step gains: it
+/// must only not lose the object.
+const REFINEMENTS: [(usize, usize, usize, f32); 3] = [(2, 4, 5, 1.0), (1, 6, 4, 1.0), (0, 6, 3, 0.98)];
 
 /// Aligns the frame with the template by their gradients, starting at `h` (picture
 /// px to frame px), from coarse to fine, and gives the homography that most blocks
-/// support. It is never worse than `h`: a hidden half can pull a right pose away,
-/// and then the step is not taken.
+/// support. A hidden half can pull a right pose away: such a step is not taken.
 ///
 /// Inverse compositional Gauss-Newton (S. Baker, I. Matthews, *Lucas-Kanade 20
 /// Years On*, IJCV 2004), with zero mean and unit spread in each block, and blocks
@@ -213,7 +214,7 @@ pub fn refine(view: &PyramidView<'_>, template: &Template<'_>, h: &Homography, w
     let Some(back) = to_picture.after(&unit).inverse() else {
         return *h;
     };
-    for (level, blocks, times) in REFINEMENTS {
+    for (level, blocks, times, keep) in REFINEMENTS {
         let coarse = Coarse::new(template, level, blocks, side, middle);
         let mut g = best.0.after(&to_picture).after(&unit);
         for _ in 0..times {
@@ -222,7 +223,7 @@ pub fn refine(view: &PyramidView<'_>, template: &Template<'_>, h: &Homography, w
         }
         let g = g.after(&back).normalised();
         let seen = support(&g);
-        if seen > best.1 {
+        if seen > keep * best.1 {
             best = (g, seen);
         }
         if best.1 < HOPELESS {
