@@ -2,14 +2,15 @@
 //!
 //! In: a frame keygraph and its feature. Out: its nearest neighbours among the
 //! model keygraphs whose angles agree within a tolerance. Every partition subset
-//! that the tolerance touches is looked at (the paper looks at one); in a subset
-//! sorted by its largest angle only the run within the tolerance is read; keys
-//! are compared before features; a comparison ends as soon as it cannot win.
+//! that the tolerance touches is looked at (the paper looks at one); a subset is
+//! sorted by size, so that only triangles of about the right size are read; angles
+//! are compared first, then the bits of the signature, which throw out nine of ten,
+//! then features; a comparison ends as soon as it cannot win.
 //!
 //! Memory: [`Match`], 8 bytes. Cost: the run lengths; the heart of the detector.
 
 use crate::capacity::FEATURE_BYTES;
-use crate::feature::Feature;
+use crate::feature::{Feature, signature};
 use crate::keygraph::{BIN, Key, LARGEST_BINS, SECOND_BINS, cell_of};
 use crate::model::{KEY, Model};
 
@@ -26,6 +27,8 @@ pub struct MatchRule {
     /// sixteenths of an octave. Corners come back at the scale at which they
     /// were trained, so a triangle of another size is another triangle.
     pub size_window: u8,
+    /// Most of the 24 bits of the signature that may differ.
+    pub max_bits: u8,
     /// Most that a feature byte may differ on average, 1/16.
     pub max_distance: u16,
     /// Whether only the subset that the key falls into is searched, and the
@@ -43,7 +46,7 @@ pub struct Match {
 }
 
 /// Most matches of a keygraph.
-pub const NEIGHBOURS: usize = 6;
+pub const NEIGHBOURS: usize = 2;
 
 /// The nearest neighbours, nearest first.
 pub type Nearest = [Option<Match>; NEIGHBOURS];
@@ -52,73 +55,71 @@ pub type Nearest = [Option<Match>; NEIGHBOURS];
 /// (px) and feature.
 #[must_use]
 pub fn classify(model: &Model<'_>, key: Key, size: u8, shortest: u8, feature: &Feature, rule: &MatchRule) -> Nearest {
-    let bytes = model.feature().bytes();
+    let bytes = model.feature_bytes();
+    let feature = &feature[..bytes];
     let mut search = Search {
         keys: model.keys(),
         features: model.features(),
-        feature: &feature[..bytes],
-        size,
-        rule,
-        limit: distance_limit(bytes, rule) + 1,
+        feature,
+        signature: signature(feature),
+        max_bits: u32::from(rule.max_bits),
+        sizes: [size.saturating_sub(rule.size_window), size.saturating_add(rule.size_window)],
+        limit: u32::try_from(bytes).unwrap_or(0) * u32::from(rule.max_distance) / 16 + 1,
         best: [None; NEIGHBOURS],
     };
     if rule.one_cell {
-        search.run(model.cell(key.cell()), 0, u8::MAX, 0, u8::MAX);
+        search.run(model.cell(key.cell()), [0, u8::MAX], [0, u8::MAX]);
         search.best[1..].fill(None);
         return search.best;
     }
     let noise = rule.tolerance_px / u16::from(shortest.max(1));
     let tolerance = rule.tolerance.saturating_add(u8::try_from(noise).unwrap_or(u8::MAX));
-    let (s0, s1) = (key.second.saturating_sub(tolerance), key.second.saturating_add(tolerance));
-    let (l0, l1) = (key.largest.saturating_sub(tolerance), key.largest.saturating_add(tolerance));
-    let bins = |from: u8, to: u8, n: usize| from / BIN..=(to / BIN).min(u8::try_from(n - 1).unwrap_or(0));
-    for second in bins(s0, s1, SECOND_BINS) {
-        for largest in bins(l0, l1, LARGEST_BINS) {
-            search.run(model.cell(cell_of(key.mirrored, second, largest)), s0, s1, l0, l1);
+    let [second, largest] =
+        [key.second, key.largest].map(|a| [a.saturating_sub(tolerance), a.saturating_add(tolerance)]);
+    let bins = |[from, to]: [u8; 2], n: usize| from / BIN..=(to / BIN).min(u8::try_from(n - 1).unwrap_or(0));
+    for s in bins(second, SECOND_BINS) {
+        for l in bins(largest, LARGEST_BINS) {
+            search.run(model.cell(cell_of(key.mirrored, s, l)), second, largest);
         }
     }
     search.best
 }
 
-/// Largest distance of a match on features of `bytes` bytes. The fewer bytes, the
-/// more their mean difference scatters: twelve of luma alone may differ by half more.
-#[must_use]
-pub fn distance_limit(bytes: usize, rule: &MatchRule) -> u32 {
-    let limit = u32::try_from(bytes).unwrap_or(0) * u32::from(rule.max_distance) / 16;
-    if bytes <= 12 { limit + limit / 2 } else { limit }
-}
-
 struct Search<'a> {
-    keys: &'a [u8],
+    keys: &'a [[u8; KEY]],
     features: &'a [u8],
     feature: &'a [u8],
-    size: u8,
-    rule: &'a MatchRule,
+    signature: u32,
+    max_bits: u32,
+    /// Sizes that are looked at, both included.
+    sizes: [u8; 2],
     /// Only distances below this are of interest.
     limit: u32,
     best: Nearest,
 }
 
 impl Search<'_> {
-    fn run(&mut self, cell: core::ops::Range<usize>, s0: u8, s1: u8, l0: u8, l1: u8) {
+    /// Looks at a subset's keygraphs whose angles lie in these ranges.
+    fn run(&mut self, cell: core::ops::Range<usize>, second: [u8; 2], largest: [u8; 2]) {
         let n = self.feature.len();
-        let keys = &self.keys[KEY * cell.start..KEY * cell.end];
-        let skipped = partition_point(keys, l0);
-        let features = &self.features[n * (cell.start + skipped)..n * cell.end];
+        let keys = &self.keys[cell.clone()];
+        let skipped = keys.partition_point(|k| k[0] < self.sizes[0]);
         // Ranges as one comparison each: v - low <= high - low, wrapping.
-        let seconds = s1 - s0;
-        let z0 = self.size.saturating_sub(self.rule.size_window);
-        let sizes = self.size.saturating_add(self.rule.size_window) - z0;
-        let candidates = keys[KEY * skipped..].chunks_exact(KEY).zip(features.chunks_exact(n));
-        for (i, (key, feature)) in candidates.enumerate() {
-            if key[0] > l1 {
+        let (seconds, largests) = (second[1] - second[0], largest[1] - largest[0]);
+        for (i, &[size, l, s, a, b, c]) in keys.iter().enumerate().skip(skipped) {
+            if size > self.sizes[1] {
                 break;
             }
-            if !((key[1].wrapping_sub(s0) <= seconds) & (key[2].wrapping_sub(z0) <= sizes)) {
+            if !((l.wrapping_sub(largest[0]) <= largests) & (s.wrapping_sub(second[0]) <= seconds)) {
                 continue;
             }
+            if (u32::from_le_bytes([a, b, c, 0]) ^ self.signature).count_ones() > self.max_bits {
+                continue;
+            }
+            let at = cell.start + i;
+            let feature = &self.features[n * at..][..n];
             let Some(distance) = distance(feature, self.feature, self.limit) else { continue };
-            let keygraph = u32::try_from(cell.start + skipped + i).unwrap_or(u32::MAX);
+            let keygraph = u32::try_from(at).unwrap_or(u32::MAX);
             self.keep(Match { keygraph, distance: u16::try_from(distance).unwrap_or(u16::MAX) });
         }
     }
@@ -134,20 +135,6 @@ impl Search<'_> {
             self.limit = u32::from(last.distance);
         }
     }
-}
-
-/// How many of `keys` come before the first whose largest angle reaches `l0`.
-fn partition_point(keys: &[u8], l0: u8) -> usize {
-    let (mut low, mut high) = (0, keys.len() / KEY);
-    while low < high {
-        let mid = usize::midpoint(low, high);
-        if keys[KEY * mid] < l0 {
-            low = mid + 1;
-        } else {
-            high = mid;
-        }
-    }
-    low
 }
 
 /// Sum of absolute differences if it stays below `limit`.
@@ -174,11 +161,5 @@ mod tests {
         assert_eq!(distance(&a, &b, 109), Some(108));
         assert_eq!(distance(&a, &b, 108), None);
         assert_eq!(distance(&a[..12], &b[..12], 1000), Some(36));
-    }
-
-    #[test]
-    fn runs_start_where_the_angle_does() {
-        let keys = [5, 0, 0, 7, 0, 0, 7, 0, 0, 9, 0, 0];
-        assert_eq!([4, 5, 6, 7, 8, 9, 10].map(|l| partition_point(&keys, l)), [0, 0, 1, 1, 3, 3, 4]);
     }
 }

@@ -404,7 +404,7 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
             self.find_keygraphs(level, rules);
             lap(&mut self.stats, Stage::Keygraphs);
         }
-        self.extract_features(model, rules);
+        self.extract_features(model);
         lap(&mut self.stats, Stage::Features);
         for first in (0..self.keygraphs.len()).step_by(CHUNK) {
             self.find_matches(model, rules, first);
@@ -482,11 +482,11 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
         add(stage(&mut self.stats, Stage::Keygraphs), stats);
     }
 
-    fn extract_features(&mut self, model: &Model<'_>, rules: &Parameters) {
+    fn extract_features(&mut self, model: &Model<'_>) {
         let view = self.pyramid.view();
         for (k, f) in self.keygraphs.iter().zip(&mut self.features) {
             let points = k.vertices.map(|v| self.points[usize::from(v)]);
-            *f = extract(&view, usize::from(k.level), points, k.size, model.feature(), rules.normalise);
+            *f = extract(&view, usize::from(k.level), points, k.size, model.feature(), model.method().sampling());
         }
         let n = count(self.keygraphs.len());
         *stage(&mut self.stats, Stage::Features) = StageStats { seen: n, kept: n, dropped: 0 };

@@ -5,7 +5,6 @@
 use crate::capacity::LEVELS;
 use crate::classify::MatchRule;
 use crate::corners::CornerParams;
-use crate::feature::Normalise;
 use crate::keygraph::Scalene;
 use crate::model::Method;
 use crate::vote::VoteRule;
@@ -33,8 +32,6 @@ pub struct Parameters {
     pub prefixes: &'static [usize],
     /// Which triples are keygraphs.
     pub scalene: Scalene,
-    /// What is taken away from features.
-    pub normalise: Normalise,
     /// What counts as a match.
     pub matching: MatchRule,
     /// Least likeness of a match's surroundings, 0 to 2; `None` leaves them out.
@@ -55,8 +52,14 @@ const KEYGRAPH: Parameters = Parameters {
     corner_limits: [400, 200, 100, 0],
     prefixes: &[25, 35, 50, 71, 100, 141, 200, 283, 400],
     scalene: Scalene { min_angle_deg: 8.0, min_difference_deg: 4.0, min_side_px: 8.0 },
-    normalise: Normalise::Own,
-    matching: MatchRule { tolerance: 9, tolerance_px: 80, size_window: 14, max_distance: 16 * 28, one_cell: false },
+    matching: MatchRule {
+        tolerance: 8,
+        tolerance_px: 60,
+        size_window: 12,
+        max_bits: 6,
+        max_distance: 16 * 24,
+        one_cell: false,
+    },
     verify: Some(1.0),
     voting: VoteRule { soft: true, min_weight: 8 },
     candidates: 24,
@@ -71,8 +74,14 @@ const PAPER: Parameters = Parameters {
     corner_limits: [200, 0, 0, 0],
     prefixes: &[200],
     scalene: Scalene { min_angle_deg: 5.0, min_difference_deg: 5.0, min_side_px: 10.0 },
-    normalise: Normalise::Absolute,
-    matching: MatchRule { tolerance: 0, tolerance_px: 0, size_window: u8::MAX, max_distance: 16 * 255, one_cell: true },
+    matching: MatchRule {
+        tolerance: 0,
+        tolerance_px: 0,
+        size_window: u8::MAX,
+        max_bits: 24,
+        max_distance: 16 * 255,
+        one_cell: true,
+    },
     verify: None,
     voting: VoteRule { soft: false, min_weight: 3 },
     candidates: 1,

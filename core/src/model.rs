@@ -8,7 +8,7 @@
 //! Memory: none beyond the bytes. Cost: one pass over them when parsed.
 
 use crate::capacity::TEMPLATE_SIDE;
-use crate::feature::FeatureKind;
+use crate::feature::{FeatureKind, Sampling};
 use crate::geometry::{Homography, Point};
 use crate::keygraph::CELLS;
 use crate::pyramid::{Plane, level_of, plane_bytes};
@@ -16,7 +16,7 @@ use crate::pyramid::{Plane, level_of, plane_bytes};
 /// First bytes of every model.
 pub const MAGIC: [u8; 4] = *b"KGM\x1a";
 /// The version that this library writes and reads.
-pub const VERSION: u16 = 2;
+pub const VERSION: u16 = 3;
 /// Longest name of an object, bytes of UTF-8.
 pub const NAME_BYTES: usize = 32;
 
@@ -27,7 +27,8 @@ pub(crate) const OBJECT: usize = 56;
 pub(crate) const VIEW: usize = 44;
 pub(crate) const KEYPOINT: usize = 4;
 pub(crate) const CELL_TABLE: usize = 4 * (CELLS + 1);
-pub(crate) const KEY: usize = 3;
+/// Bytes of a key record.
+pub const KEY: usize = 6;
 pub(crate) const VERTICES: usize = 5;
 
 /// How the keygraphs were made, and so how frames are searched.
@@ -37,6 +38,17 @@ pub enum Method {
     Keygraph,
     /// The paper as written.
     Paper,
+}
+
+impl Method {
+    /// Where its features are sampled.
+    #[must_use]
+    pub const fn sampling(self) -> Sampling {
+        match self {
+            Self::Keygraph => Sampling::Patch,
+            Self::Paper => Sampling::Segments,
+        }
+    }
 }
 
 /// Why bytes are not a model.
@@ -320,7 +332,7 @@ impl<'a> Model<'a> {
             _ => return Err(wrong("feature kind")),
         };
         let counts = [20, 24, 28, 32, 36].map(|i| size_at(bytes, i));
-        let layout = Layout::new(counts, feature.bytes()).ok_or(wrong("counts"))?;
+        let layout = Layout::new(counts, method.sampling().bytes(feature)).ok_or(wrong("counts"))?;
         if usize::from(u16_at(bytes, 6)) != HEADER || u16_at(bytes, 18) != 0 || layout.end != given {
             return Err(wrong("header"));
         }
@@ -412,6 +424,12 @@ impl<'a> Model<'a> {
     #[must_use]
     pub const fn feature(&self) -> FeatureKind {
         self.feature
+    }
+
+    /// Bytes of a feature.
+    #[must_use]
+    pub const fn feature_bytes(&self) -> usize {
+        self.method.sampling().bytes(self.feature)
     }
 
     /// How many objects it holds.
@@ -517,14 +535,14 @@ impl<'a> Model<'a> {
         at(cell)..at(cell + 1)
     }
 
-    /// Partition keys: largest angle, second angle and size of each keygraph, 3
-    /// bytes each, ascending by largest angle within a subset.
+    /// A record of each keygraph: size, largest angle, second angle and signature,
+    /// ascending by size within a subset.
     #[must_use]
-    pub fn keys(&self) -> &'a [u8] {
-        &self.bytes[self.layout.keys..self.layout.vertices]
+    pub fn keys(&self) -> &'a [[u8; KEY]] {
+        self.bytes[self.layout.keys..self.layout.vertices].as_chunks().0
     }
 
-    /// Features, [`FeatureKind::bytes`] each.
+    /// Features, [`Model::feature_bytes`] each.
     #[must_use]
     pub fn features(&self) -> &'a [u8] {
         &self.bytes[self.layout.features..self.layout.templates]

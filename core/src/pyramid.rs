@@ -12,6 +12,7 @@
 use crate::capacity::LEVELS;
 use crate::frame::{Frame, FrameError, MAX_SIDE, NO_CHROMA};
 use crate::geometry::{Homography, Point};
+use crate::math;
 
 /// A borrowed plane of pixels without padding.
 #[derive(Clone, Copy, Debug)]
@@ -57,6 +58,18 @@ impl<'a, T: Copy> Plane<'a, T> {
         let x = x.clamp(0, self.width as i32 - 1) as usize;
         let y = y.clamp(0, self.height as i32 - 1) as usize;
         self.data[y * self.width + x]
+    }
+}
+
+impl Plane<'_, u8> {
+    /// The value at `(x, y)`, in between by their distance; clamped to the plane.
+    #[must_use]
+    pub fn bilinear(&self, [x, y]: [f32; 2]) -> f32 {
+        let (ix, iy) = (math::floor(x), math::floor(y));
+        let (fx, fy) = (x - ix as f32, y - iy as f32);
+        let at = |dx: i32, dy: i32| f32::from(self.nearest(ix + dx, iy + dy));
+        let (top, low) = (at(0, 0) + fx * (at(1, 0) - at(0, 0)), at(0, 1) + fx * (at(1, 1) - at(0, 1)));
+        top + fy * (low - top)
     }
 }
 

@@ -25,7 +25,7 @@ use heapless::Vec;
 
 use crate::capacity::{LEVELS, StageStats, TEMPLATE_SIDE, chroma_bytes, luma_bytes};
 use crate::corners::{Corner, SCRATCH_ROWS, detect_corners, rank_by_radius, rank_by_strength};
-use crate::feature::{FeatureKind, extract};
+use crate::feature::{FeatureKind, extract, signature};
 use crate::frame::{Frame, FrameError};
 use crate::geometry::{Homography, Point, in_circle, orient};
 use crate::keygraph::{CELLS, Keygraph};
@@ -33,7 +33,7 @@ use crate::math;
 use crate::method::{Parameters, Ranking};
 use crate::model::{KEY, KEYPOINT, Layout, Method, NAME_BYTES, OBJECT, VERTICES, VIEW, template_bytes};
 use crate::pyramid::{Pyramid, PyramidView, chroma_mean, luma_mean, plane_bytes, reduce_all};
-use crate::write::{put_u16, put_u32, sort_cell, write_header};
+use crate::write::{key_record, put_u16, put_u32, sort_cell, write_header};
 
 /// Views that one model can be made from.
 pub const MAX_VIEWS: usize = 64;
@@ -231,7 +231,8 @@ impl<const LUMA: usize, const CHROMA: usize, const SIDE: usize, const CORNERS: u
 
         let (tw, th) = template_size(picture.width(), picture.height());
         let counts = |keygraphs| [1, plans.len(), keypoints, keygraphs, template_bytes(tw, th)];
-        let feature_bytes = params.feature.bytes();
+        let sampling = params.method.sampling();
+        let feature_bytes = sampling.bytes(params.feature);
         let no_room = |needed| TrainError::NoRoom { needed, given: out.len() };
         let fixed = Layout::new(counts(0), feature_bytes).ok_or(no_room(usize::MAX))?.end;
         let room = out.len().checked_sub(fixed).ok_or(no_room(fixed))? / (KEY + VERTICES + feature_bytes);
@@ -257,7 +258,7 @@ impl<const LUMA: usize, const CHROMA: usize, const SIDE: usize, const CORNERS: u
             each_keygraph(corners, rules, |k, cost| {
                 let Some(at) = table.place(k.key.cell(), cost) else { return };
                 let points = k.vertices.map(|v| corners[usize::from(v)].point);
-                let feature = extract(&view, 0, points, k.size, params.feature, rules.normalise);
+                let feature = extract(&view, 0, points, k.size, params.feature, sampling);
                 write_keygraph(out, &layout, at, i, k, &feature[..feature_bytes]);
             });
         }
@@ -435,12 +436,7 @@ fn render_luma(picture: &PyramidView<'_>, to: &Homography, scale: f32, width: us
     for (y, row) in luma.chunks_exact_mut(width).enumerate() {
         for (x, o) in row.iter_mut().enumerate() {
             let [u, v] = to.apply([x as f32, y as f32]).map(|v| (v + 0.5) * s - 0.5);
-            let (ix, iy) = (math::floor(u), math::floor(v));
-            let (fx, fy) = (u - ix as f32, v - iy as f32);
-            let at = |dx, dy| f32::from(plane.nearest(ix + dx, iy + dy));
-            let top = at(0, 0) + fx * (at(1, 0) - at(0, 0));
-            let low = at(0, 1) + fx * (at(1, 1) - at(0, 1));
-            *o = u8::try_from(math::round(top + fy * (low - top)).clamp(0, 255)).unwrap_or(0);
+            *o = u8::try_from(math::round(plane.bilinear([u, v])).clamp(0, 255)).unwrap_or(0);
         }
     }
 }
@@ -643,7 +639,7 @@ fn write_view(
 }
 
 fn write_keygraph(out: &mut [u8], layout: &Layout, at: usize, view: usize, k: &Keygraph, feature: &[u8]) {
-    out[layout.keys + KEY * at..][..KEY].copy_from_slice(&[k.key.largest, k.key.second, k.size]);
+    out[layout.keys + KEY * at..][..KEY].copy_from_slice(&key_record(k.size, k.key, signature(feature)));
     let r = &mut out[layout.vertices + VERTICES * at..][..VERTICES];
     put_u16(r, 0, view);
     for (o, v) in r[2..].iter_mut().zip(k.vertices) {

@@ -8,7 +8,7 @@
 //! of every subset of the partition.
 
 use crate::feature::FeatureKind;
-use crate::keygraph::CELLS;
+use crate::keygraph::{CELLS, Key};
 use crate::model::{
     CHECKED, HEADER, KEY, KEYPOINT, Layout, MAGIC, Method, Model, OBJECT, VERSION, VERTICES, VIEW, crc32, u16_at,
     u32_at,
@@ -77,7 +77,7 @@ pub fn packed_len(models: &[Model<'_>]) -> Result<usize, PackError> {
 
 fn layout(models: &[Model<'_>]) -> Result<([usize; 5], Layout), PackError> {
     let counts = merged(models)?;
-    let bytes = models.first().map_or(0, |m| m.feature().bytes());
+    let bytes = models.first().map_or(0, |m| m.feature_bytes());
     Layout::new(counts, bytes).map(|l| (counts, l)).ok_or(PackError::TooMany)
 }
 
@@ -90,7 +90,7 @@ pub fn pack(models: &[Model<'_>], out: &mut [u8]) -> Result<usize, PackError> {
     let (counts, layout) = layout(models)?;
     let (Some(first), given) = (models.first(), out.len()) else { return Err(PackError::Nothing) };
     let out = out.get_mut(..layout.end).ok_or(PackError::NoRoom { needed: layout.end, given })?;
-    let feature = first.feature();
+    let feature_bytes = first.feature_bytes();
 
     // What came before this model: objects, views, keypoints, template bytes.
     let (mut objects, mut views, mut keypoints, mut templates) = (0, 0, 0, 0);
@@ -130,7 +130,7 @@ pub fn pack(models: &[Model<'_>], out: &mut [u8]) -> Result<usize, PackError> {
             let sections = [
                 (layout.keys, l.keys, KEY),
                 (layout.vertices, l.vertices, VERTICES),
-                (layout.features, l.features, feature.bytes()),
+                (layout.features, l.features, feature_bytes),
             ];
             for (to, section, each) in sections {
                 let source = &from[section + each * range.start..section + each * range.end];
@@ -144,11 +144,11 @@ pub fn pack(models: &[Model<'_>], out: &mut [u8]) -> Result<usize, PackError> {
             at += range.len();
             views += m.views();
         }
-        sort_cell(out, &layout, feature.bytes(), start..at);
+        sort_cell(out, &layout, feature_bytes, start..at);
         start = at;
     }
     put_u32(out, layout.cells + 4 * CELLS, start);
-    write_header(out, first.method(), feature, counts);
+    write_header(out, first.method(), first.feature(), counts);
     Ok(out.len())
 }
 
@@ -158,6 +158,12 @@ pub(crate) fn put_u16(r: &mut [u8], at: usize, v: usize) {
 
 pub(crate) fn put_u32(r: &mut [u8], at: usize, v: usize) {
     r[at..at + 4].copy_from_slice(&u32::try_from(v).unwrap_or(u32::MAX).to_le_bytes());
+}
+
+/// The key record of a keygraph.
+pub(crate) fn key_record(size: u8, key: Key, signature: u32) -> [u8; KEY] {
+    let [a, b, c, _] = signature.to_le_bytes();
+    [size, key.largest, key.second, a, b, c]
 }
 
 /// Sorts the keygraphs of a subset by their keys, in place (heap sort over three

@@ -61,6 +61,7 @@ pub fn frame_line(
                 "correlation": rounded(d.appearance.median, 4),
                 "support": rounded(d.appearance.support, 2),
                 "blocks": d.appearance.blocks,
+                "inside": d.appearance.inside,
                 "chroma": rounded(d.appearance.chroma, 4),
             });
             if let Some(poses) = poses {

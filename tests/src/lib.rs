@@ -118,7 +118,7 @@ impl Sections {
     /// Entries of the subset table: one more than there are subsets.
     pub const CELLS: usize = 865;
     /// Bytes of a key record.
-    pub const KEY: usize = 3;
+    pub const KEY: usize = 6;
     /// Bytes of a vertex record.
     pub const VERTICES: usize = 5;
 
@@ -129,9 +129,9 @@ impl Sections {
     #[must_use]
     pub fn of(model: &[u8]) -> Self {
         let count = |i: usize| read_u32(model, 20 + 4 * i) as usize;
-        let feature_bytes = match model[17] {
-            1 => 24,
-            2 => 12,
+        let feature_bytes = match (model[16], model[17]) {
+            (0, 1) | (1, 2) => 12,
+            (0, 2) | (1, 1) => 24,
             _ => 36,
         };
         let objects = Self::HEADER;

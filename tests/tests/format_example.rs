@@ -1,7 +1,7 @@
 //! The example in `docs/model-format.md` is a model, and says what the page says.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
 
-use keygraph_core::feature::FeatureKind;
+use keygraph_core::feature::{FeatureKind, signature};
 use keygraph_core::geometry::{Homography, Point};
 use keygraph_core::keygraph::{CELLS, Keygraph};
 use keygraph_core::model::{MAGIC, Method, Model, ModelError, VERSION};
@@ -71,18 +71,18 @@ fn the_example_parses() {
     assert!(Model::parse(&bytes).is_ok(), "{:?}", Model::parse(&bytes).err());
     assert_eq!(
         Model::parse(&bytes[..bytes.len() - 1]).unwrap_err(),
-        ModelError::Truncated { expected: 3759, given: 3758 }
+        ModelError::Truncated { expected: 3774, given: 3773 }
     );
 }
 
 #[test]
 fn the_header_and_counts_are_the_page_s() {
     let bytes = example();
-    assert_eq!((&bytes[..4], VERSION), (&MAGIC[..], 2));
+    assert_eq!((&bytes[..4], VERSION), (&MAGIC[..], 3));
     let model = Model::parse(&bytes).unwrap();
     assert_eq!((model.method(), model.feature()), (Method::Keygraph, FeatureKind::Luma));
     assert_eq!((model.objects(), model.views(), model.keypoints(), model.keygraphs()), (1, 1, 3, 1));
-    assert_eq!(model.bytes().len(), 3759);
+    assert_eq!(model.bytes().len(), 3774);
 }
 
 #[test]
@@ -115,8 +115,10 @@ fn the_keygraph_is_the_page_s_and_what_core_makes_of_its_points() {
     let model = Model::parse(&bytes).unwrap();
     let points = [0, 1, 2].map(|i| model.keypoint(i));
     assert_eq!(model.keygraph(0), (0, [points[1], points[2], points[0]]));
-    assert_eq!(model.keys(), [54, 116, 74]);
-    assert_eq!(model.features(), [0x58, 0x60, 0x68, 0x70, 0x78, 0x80, 0x88, 0x90, 0x98, 0xa0, 0xa8, 0xb0]);
+    assert_eq!(model.keys(), [[74, 54, 116, 0x3f, 0xf0, 0x03]]);
+    let rising = [0x58, 0x60, 0x68, 0x70, 0x78, 0x80, 0x88, 0x90, 0x98, 0xa0, 0xa8, 0xb0];
+    assert_eq!(model.features(), [&rising[..], &[0x80; 6], &[0x90; 6]].concat());
+    assert_eq!(signature(model.features()), 0x03_f03f);
 
     let made = Keygraph::new(points, [0, 1, 2], &Method::Keygraph.parameters().scalene).unwrap();
     assert_eq!(made.vertices, [1, 2, 0]);
@@ -146,7 +148,7 @@ fn the_tables_are_right() {
         assert_eq!(told, bytes.to_string(), "{row}");
     }
     assert_eq!(Sections::CELLS, CELLS + 1);
-    assert_eq!(Sections::of(&example()).end, 3759);
+    assert_eq!(Sections::of(&example()).end, 3774);
     // The records' fields follow each other and fill the record.
     for (heading, length) in [
         ("## Header", Sections::HEADER),
