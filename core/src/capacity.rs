@@ -35,7 +35,7 @@ pub enum Stage {
     Delaunay,
     /// Thick scalene filter and partition keys.
     Keygraphs,
-    /// Segment-bundle features.
+    /// Features of the keygraphs.
     Features,
     /// Nearest neighbours in the model.
     Classify,
@@ -111,5 +111,5 @@ pub const DETECTIONS: usize = 32;
 /// Longer side of the appearance template of an object, px.
 pub const TEMPLATE_SIDE: usize = 96;
 
-/// Bytes of the longest feature: 12 segments of two chroma components and luma.
+/// Bytes of the longest feature.
 pub const FEATURE_BYTES: usize = 36;

@@ -8,8 +8,8 @@
 //!
 //! ```text
 //! frame ──► pyramid ──► corners ──► delaunay ──► keygraph ──► feature
-//!  raw       luma,       Shi-        nested       thick        segment
-//!  bytes     chroma      Tomasi      levels       scalene      bundles
+//!  raw       luma,       Shi-        nested       thick        affine
+//!  bytes     chroma      Tomasi      levels       scalene      patches
 //!                                                                 │
 //!           detections ◄── align ◄── pose ◄── vote ◄── classify ◄─┘
 //!                          looks     grown    Hough     nearest     ▲
