@@ -31,8 +31,10 @@ use crate::pyramid::{Plane, Pyramid, PyramidView, to_level0};
 use crate::verify::likeness;
 use crate::vote::{Bin, Candidate, Vote, cast, vote};
 
-/// Detections below this score are not reported unless the caller asks for them.
-pub const DEFAULT_THRESHOLD: f32 = 0.5;
+/// Detections below this score are not reported unless the caller asks for them. Of
+/// the candidates that the score was fitted to 2,422 of 2,434 right ones lie above
+/// it, and the best of the 35,006 wrong ones scored 0.48.
+pub const DEFAULT_THRESHOLD: f32 = 0.7;
 
 /// One instance of an object in a frame.
 #[derive(Clone, Copy, Debug)]
@@ -621,7 +623,7 @@ fn similar(model: &Model<'_>, c: &Candidate) -> Detection {
     let map = Normalised::new(o.width as f32, o.height as f32, c.pose.centre, c.pose.size_px());
     Detection {
         votes: u16::try_from(c.weight).unwrap_or(u16::MAX),
-        score: 1.0 - 1.0 / c.weight as f32,
+        score: 1.0 - 1.0 / (c.weight as f32 + 1.0),
         ..Detection::at(model, c.object, &map.to_px(&c.pose.turn()))
     }
 }
@@ -648,7 +650,8 @@ fn vertices(points: &[Point], k: &Keygraph) -> [(u16, [f32; 2]); 3] {
 }
 
 /// Estimate of the probability that a pose is right: a logistic regression over
-/// 2,436 right and 2,311 wrong candidates of rendered and real frames.
+/// 2,434 right and 35,006 wrong candidates of rendered and real frames, of models
+/// with chroma and without.
 fn score(d: &Detection) -> f32 {
     let a = &d.appearance;
     if a.blocks < 4 {
@@ -656,11 +659,11 @@ fn score(d: &Detection) -> f32 {
     }
     let log1p = |n: u16| math::ln(1.0 + f32::from(n));
     // The blocks' logarithm is that of their share, 37 being all and one.
-    let logit = 1.44 * log1p(d.agreeing)
-        + 3.43 * log1p(d.votes)
-        + 6.44 * math::ln(1.0 + a.support)
-        + 6.43 * (log1p(a.inside) - math::ln(37.0))
-        - 18.06;
+    let logit = 2.31 * log1p(d.agreeing)
+        + 2.85 * log1p(d.votes)
+        + 7.17 * math::ln(1.0 + a.support)
+        + 4.09 * (log1p(a.inside) - math::ln(37.0))
+        - 22.86;
     1.0 / (1.0 + math::exp(-logit))
 }
 
