@@ -38,6 +38,9 @@ pub struct Appearance {
     pub median: f32,
     /// How many blocks agree: the sum of their agreements.
     pub support: f32,
+    /// How many agree well: the sum of the squares of their agreements. Many blocks
+    /// that agree a little are what aligning makes of a wrong pose.
+    pub strong: f32,
     /// Correlation of chroma over the whole object, -1 to 1; 0 when either has
     /// too little chroma to tell.
     pub chroma: f32,
@@ -160,6 +163,10 @@ impl Blocks {
         self.values[..self.n].iter().map(|&c| agreement(c)).sum()
     }
 
+    fn strong(&self) -> f32 {
+        self.values[..self.n].iter().map(|&c| agreement(c) * agreement(c)).sum()
+    }
+
     fn median(&mut self) -> f32 {
         let values = &mut self.values[..self.n];
         values.sort_unstable_by(f32::total_cmp);
@@ -184,6 +191,7 @@ pub fn appearance(
         blocks: u16::try_from(blocks.n).unwrap_or(0),
         inside: blocks.inside,
         support: blocks.support(),
+        strong: blocks.strong(),
         median: blocks.median(),
         chroma: chroma_correlation(view, template, &map, level),
     }

@@ -60,6 +60,7 @@ pub fn frame_line(
                 "agreeing": d.agreeing,
                 "correlation": rounded(d.appearance.median, 4),
                 "support": rounded(d.appearance.support, 2),
+                "strong": rounded(d.appearance.strong, 2),
                 "blocks": d.appearance.blocks,
                 "inside": d.appearance.inside,
                 "chroma": rounded(d.appearance.chroma, 4),
