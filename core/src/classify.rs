@@ -4,7 +4,7 @@
 //! model keygraphs whose angles agree within a tolerance. Every partition subset
 //! that the tolerance touches is looked at (the paper looks at one); a subset is
 //! sorted by size, so that only triangles of about the right size are read; angles
-//! are compared first, then the bits of the signature, which throw out nine of ten,
+//! are compared first, then the bits of the signature, which throw out most,
 //! then features; a comparison ends as soon as it cannot win.
 //!
 //! Memory: [`Match`], 8 bytes. Cost: the run lengths; the heart of the detector.

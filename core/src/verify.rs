@@ -4,8 +4,8 @@
 //! the template around the triangle correlates with the frame there. Three pairs
 //! of points are an affine map; under it a window somewhat larger than the
 //! triangle is compared pixel by pixel, luma and chroma, each with zero mean and
-//! unit spread. What classifying lets through is wrong in 97 cases of 100; of
-//! those, the window throws out all but one or two, so that a few right matches
+//! unit spread. What classifying lets through is mostly wrong; of the wrong ones the
+//! window throws out all but one or two in a hundred, so that a few right matches
 //! are enough for a pose.
 //!
 //! Memory: none. Cost: 36 bilinear samples of luma for nearly every match, 144 and
