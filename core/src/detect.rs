@@ -76,6 +76,94 @@ pub trait Finder {
     fn triples(&mut self, points: &[Point], out: &mut VecView<Triple>) -> StageStats;
 }
 
+/// What a stage has just made, for an [`Observer`]. Buffers are used again within a
+/// frame: levels, chunks of keygraphs and candidates come one after the other.
+#[derive(Clone, Copy, Debug)]
+pub enum Output<'a> {
+    /// Level 0 of luma and chroma.
+    Planes(PyramidView<'a>),
+    /// The levels above it.
+    Levels(PyramidView<'a>),
+    /// Keypoints of a level, 1/16 px of that level, best first.
+    Corners(&'a [Point]),
+    /// Triples of indices into these keypoints.
+    Triangles(&'a [Triple]),
+    /// The keygraphs among them.
+    Keygraphs(&'a [Keygraph]),
+    /// Features of all keygraphs, of so many bytes each.
+    Features(&'a [Feature], usize),
+    /// Matches of a chunk of keygraphs, each with the index of its keygraph.
+    Matches(&'a [(u16, Match)]),
+    /// The votes that came of these matches.
+    Votes(&'a [Vote]),
+    /// The poses with most votes, heaviest first.
+    Candidates(&'a [Candidate]),
+    /// What a candidate grew to, if anything.
+    Grown(Option<&'a Detection>),
+    /// The same, aligned to the frame.
+    Aligned(Option<&'a Detection>),
+    /// All that has been found, after each candidate; at last in order of score.
+    Detections(&'a [Detection]),
+}
+
+impl Output<'_> {
+    /// The stage that made it.
+    #[must_use]
+    pub const fn stage(&self) -> Stage {
+        match self {
+            Self::Planes(_) => Stage::Convert,
+            Self::Levels(_) => Stage::Pyramid,
+            Self::Corners(_) => Stage::Corners,
+            Self::Triangles(_) => Stage::Delaunay,
+            Self::Keygraphs(_) => Stage::Keygraphs,
+            Self::Features(..) => Stage::Features,
+            Self::Matches(_) => Stage::Classify,
+            Self::Votes(_) => Stage::Verify,
+            Self::Candidates(_) => Stage::Vote,
+            Self::Grown(_) => Stage::Pose,
+            Self::Aligned(_) | Self::Detections(_) => Stage::Accept,
+        }
+    }
+}
+
+/// Who watches the stages. A closure that returns ticks is one that only times them.
+pub trait Observer {
+    /// Ticks of a clock that counts up; read between the stages.
+    fn now(&mut self) -> u64;
+
+    /// Told what each stage made, outside the time that is counted for it.
+    fn saw(&mut self, output: Output<'_>) {
+        let _ = output;
+    }
+}
+
+impl<F: FnMut() -> u64> Observer for F {
+    fn now(&mut self) -> u64 {
+        self()
+    }
+}
+
+/// Counts the time of the stages.
+struct Laps<'a> {
+    observer: &'a mut dyn Observer,
+    last: u64,
+}
+
+impl<'a> Laps<'a> {
+    fn new(observer: &'a mut dyn Observer) -> Self {
+        let last = observer.now();
+        Self { observer, last }
+    }
+
+    /// Ends the work of a stage, and shows what it made.
+    fn end(&mut self, stats: &mut Stats, output: Output<'_>) {
+        let now = self.observer.now();
+        stats.ticks[output.stage() as usize] += now.wrapping_sub(self.last);
+        self.observer.saw(output);
+        self.last = self.observer.now();
+    }
+}
+
 /// Finder of Shi-Tomasi corners and nested Delaunay triangles.
 #[derive(Debug)]
 struct Corners<const SIDE: usize, const POINTS: usize> {
@@ -186,7 +274,8 @@ impl<
     }
 
     /// Looks for the model's objects in `frame`: all that score at least
-    /// `threshold`, best first. `clock` is read between the stages.
+    /// `threshold`, best first. `observer` is asked for the time between the stages,
+    /// and shown what they make.
     ///
     /// # Errors
     /// [`FrameError::TooLarge`] when the frame exceeds the profile.
@@ -195,12 +284,12 @@ impl<
         frame: &Frame<'_>,
         model: &Model<'_>,
         threshold: f32,
-        clock: &mut dyn FnMut() -> u64,
+        observer: &mut dyn Observer,
     ) -> Result<&[Detection], FrameError> {
         self.stages.clear();
         Self::check(frame)?;
         self.finder.rules = Some(model.method().parameters());
-        self.stages.detect(frame, model, threshold, clock, &mut self.finder)
+        self.stages.detect(frame, model, threshold, observer, &mut self.finder)
     }
 
     /// The same with keypoints and triples from elsewhere.
@@ -212,12 +301,12 @@ impl<
         frame: &Frame<'_>,
         model: &Model<'_>,
         threshold: f32,
-        clock: &mut dyn FnMut() -> u64,
+        observer: &mut dyn Observer,
         finder: &mut impl Finder,
     ) -> Result<&[Detection], FrameError> {
         self.stages.clear();
         Self::check(frame)?;
-        self.stages.detect(frame, model, threshold, clock, finder)
+        self.stages.detect(frame, model, threshold, observer, finder)
     }
 
     fn check(frame: &Frame<'_>) -> Result<(), FrameError> {
@@ -382,42 +471,40 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
         frame: &Frame<'_>,
         model: &Model<'_>,
         threshold: f32,
-        clock: &mut dyn FnMut() -> u64,
+        observer: &mut dyn Observer,
         finder: &mut impl Finder,
     ) -> Result<&[Detection], FrameError> {
         let rules = model.method().parameters();
-        let mut last = clock();
-        let mut lap = |stats: &mut Stats, stage: Stage| {
-            let now = clock();
-            stats.ticks[stage as usize] += now.wrapping_sub(last);
-            last = now;
-        };
-
+        let mut laps = Laps::new(observer);
         self.pyramid.load(frame)?;
-        lap(&mut self.stats, Stage::Convert);
+        laps.end(&mut self.stats, Output::Planes(self.pyramid.view()));
         self.pyramid.reduce();
-        lap(&mut self.stats, Stage::Pyramid);
+        laps.end(&mut self.stats, Output::Levels(self.pyramid.view()));
 
         for level in 0..LEVELS {
             self.find_keypoints(level, finder);
-            lap(&mut self.stats, Stage::Corners);
+            let range = self.range(level);
+            laps.end(&mut self.stats, Output::Corners(&self.points[range]));
             self.find_triples(level, finder);
-            lap(&mut self.stats, Stage::Delaunay);
+            laps.end(&mut self.stats, Output::Triangles(&self.triples));
+            let first = self.keygraphs.len();
             self.find_keygraphs(level, rules);
-            lap(&mut self.stats, Stage::Keygraphs);
+            laps.end(&mut self.stats, Output::Keygraphs(&self.keygraphs[first..]));
         }
         self.extract_features(model);
-        lap(&mut self.stats, Stage::Features);
+        let features = &self.features[..self.keygraphs.len()];
+        laps.end(&mut self.stats, Output::Features(features, model.feature_bytes()));
         for first in (0..self.keygraphs.len()).step_by(CHUNK) {
             self.find_matches(model, rules, first);
-            lap(&mut self.stats, Stage::Classify);
+            laps.end(&mut self.stats, Output::Matches(&self.matches));
+            let first = self.votes.len();
             self.cast_votes(model, rules);
-            lap(&mut self.stats, Stage::Verify);
+            laps.end(&mut self.stats, Output::Votes(&self.votes[first..]));
         }
         let candidates = &mut self.candidates;
         *stage(&mut self.stats, Stage::Vote) = vote(&self.votes, &rules.voting, &mut self.bins, candidates);
         candidates.truncate(rules.candidates);
-        lap(&mut self.stats, Stage::Vote);
+        laps.end(&mut self.stats, Output::Candidates(candidates));
         for i in 0..self.candidates.len() {
             let candidate = self.candidates[i];
             if rules.grow {
@@ -425,9 +512,9 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
                 let mut best: Option<Detection> = None;
                 for shape in SHAPES {
                     let grown = self.grow(model, &candidate, &map, shape);
-                    lap(&mut self.stats, Stage::Pose);
+                    laps.end(&mut self.stats, Output::Grown(grown.as_ref()));
                     let aligned = grown.map(|d| self.align(model, d));
-                    lap(&mut self.stats, Stage::Accept);
+                    laps.end(&mut self.stats, Output::Aligned(aligned.as_ref()));
                     let support = |d: &Option<Detection>| d.map_or(-1.0, |d| d.appearance.support);
                     if support(&aligned) > support(&best) {
                         best = aligned;
@@ -443,9 +530,10 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
             } else {
                 self.accept(similar(model, &candidate), threshold);
             }
-            lap(&mut self.stats, Stage::Accept);
+            laps.end(&mut self.stats, Output::Detections(&self.detections));
         }
         self.detections.sort_unstable_by(|a, b| b.score.total_cmp(&a.score));
+        laps.end(&mut self.stats, Output::Detections(&self.detections));
         Ok(&self.detections)
     }
 

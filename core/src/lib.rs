@@ -73,7 +73,8 @@
 //!
 //! A full buffer is never an error: corners keep the strongest, later stages what
 //! came first (best corners and coarse triangles come first), and what was lost is
-//! counted ([`capacity::StageStats`]). Nothing here reads a clock; callers pass one.
+//! counted ([`capacity::StageStats`]). Nothing here reads a clock; callers pass
+//! one, or a [`detect::Observer`] that is also shown what each stage makes.
 #![no_std]
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::cast_possible_truncation, clippy::cast_sign_loss))]
 
@@ -103,4 +104,5 @@ pub mod align;
 pub mod method;
 pub mod train;
 pub mod detect;
+pub mod digest;
 pub mod camera;

@@ -167,7 +167,7 @@ impl Canvas {
 }
 
 /// BT.601 with luminance from 16 to 235, as video has it, in 1/256 steps.
-fn i420_to_rgb(planes: &[u8], width: usize, height: usize) -> Vec<u8> {
+pub(crate) fn i420_to_rgb(planes: &[u8], width: usize, height: usize) -> Vec<u8> {
     let (luma, half) = (width * height, width / 2);
     let sample = |at: usize| i32::from(planes.get(at).copied().unwrap_or(128));
     let mut rgb = Vec::with_capacity(3 * luma);

@@ -77,6 +77,8 @@ pub fn demo(assets: &Path, out: &Path) -> Result<[Tally; 2]> {
         threads: default_threads(),
         annotate: true,
         calibration: None,
+        format: None,
+        digests: false,
     };
     let mut tallies = [Tally::default(); 2];
     let mut times = Vec::new();

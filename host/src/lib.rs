@@ -6,6 +6,7 @@
 //! - [`picture`], [`yuv4mpeg`]: pixels, and the files and streams that hold them
 //! - [`input`]: pictures, folders, videos and streams as one sequence of frames
 //! - [`annotate`], [`video`], [`progress`]: what is drawn, written and shown
+//! - [`sensor`]: pixels as a camera's sensor would give them
 //! - [`search`]: one frame into a detector of the right size
 //! - [`margins`]: plain surroundings of a picture
 //! - [`pose`]: where detections are in space
@@ -23,6 +24,7 @@ pub mod input;
 pub mod annotate;
 pub mod video;
 pub mod progress;
+pub mod sensor;
 pub mod search;
 pub mod margins;
 pub mod pose;

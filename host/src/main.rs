@@ -23,6 +23,7 @@ use keygraph::pose::{Calibration, Width, parse_intrinsics};
 use keygraph::progress::Progress;
 use keygraph::run::{Options, Searched, default_threads, run};
 use keygraph::search::{MAX_THREADS, Profile, search};
+use keygraph::sensor::SensorFormat;
 use keygraph::{demo, report};
 use keygraph_core::camera::{Intrinsics, PlanePose};
 use keygraph_core::detect::DEFAULT_THRESHOLD;
@@ -148,6 +149,12 @@ enum Command {
         /// Frames searched at once [default: one a processor, at most 8]
         #[arg(long, value_parser = clap::value_parser!(u8).range(1..=MAX_THREADS as i64))]
         threads: Option<u8>,
+        /// Turn frames into what a camera's sensor gives before they are searched
+        #[arg(long, value_enum, value_name = "FORMAT")]
+        format: Option<SensorFormat>,
+        /// With --json: a digest of each stage's output, to compare machines by
+        #[arg(long, requires = "json")]
+        digests: bool,
         /// The camera's focal lengths and principal point, px of the input: reports the
         /// pose of each object
         #[arg(long, value_name = "FX,FY,CX,CY", requires = "width_mm", value_parser = parse_intrinsics, allow_hyphen_values = true)]
@@ -219,10 +226,24 @@ fn dispatch(command: Command) -> Result<ExitCode> {
             let options = assess::Options { profile, views: usize::from(views), threads };
             assess_all(&input, &picture, crop, (preset, luma), &options, json, annotate.as_deref())?;
         }
-        Command::Detect { models, inputs, json, annotate, profile, threshold, threads, intrinsics, width_mm } => {
+        Command::Detect {
+            models,
+            inputs,
+            json,
+            annotate,
+            profile,
+            threshold,
+            threads,
+            format,
+            digests,
+            intrinsics,
+            width_mm,
+        } => {
             let options = Options {
                 profile,
                 threshold,
+                format,
+                digests,
                 threads: threads.map_or_else(default_threads, usize::from),
                 annotate: annotate.is_some(),
                 calibration: None,

@@ -79,10 +79,15 @@ pub fn frame_line(
         stages.insert(s.name().into(), json!({"seen": c.seen, "kept": c.kept, "dropped": c.dropped}));
         times.insert(s.name().into(), milliseconds(found.stats.ticks[i]));
     }
-    json!({
+    let mut line = json!({
         "source": source, "frame": frame, "width": size.0, "height": size.1,
         "detections": detections, "stages": stages, "time_ms": times,
-    })
+    });
+    if let Some(digests) = &found.digests {
+        let digest = |s: &Stage| (s.name().to_string(), Value::from(format!("{:08x}", digests.of(*s))));
+        line["digests"] = Stage::ALL.iter().map(digest).collect();
+    }
+    line
 }
 
 /// The line of a frame that could not be read.

@@ -17,7 +17,8 @@ use keygraph_core::model::Model;
 use crate::annotate::{Canvas, Outline, colour, draw_axes, draw_corners, draw_label, draw_outline, draw_triangles};
 use crate::input::{Kind, Picture, Source, SourceFrame};
 use crate::pose::Calibration;
-use crate::search::{Found, MAX_THREADS, Profile, search};
+use crate::search::{Found, MAX_THREADS, Profile, Request, search_for};
+use crate::sensor::SensorFormat;
 
 /// How frames are searched.
 #[derive(Clone, Copy, Debug)]
@@ -30,6 +31,10 @@ pub struct Options<'a> {
     pub threads: usize,
     /// Whether to draw what was found.
     pub annotate: bool,
+    /// The sensor that frames are turned into the format of.
+    pub format: Option<SensorFormat>,
+    /// Whether to tell digests of the stages.
+    pub digests: bool,
     /// Camera and widths, where poses are wanted.
     pub calibration: Option<&'a Calibration>,
 }
@@ -139,8 +144,9 @@ fn search_safely(frame: SourceFrame, model: &Model<'_>, options: &Options<'_>, s
 fn search_one(frame: SourceFrame, model: &Model<'_>, options: &Options<'_>, slot: usize) -> Outcome {
     let SourceFrame { source, frame, kind, picture } = frame;
     let result = picture.and_then(|p| {
-        let found = search(&p, model, options.profile, options.threshold, options.annotate, slot)
-            .with_context(|| source.clone())?;
+        let Options { profile, threshold, annotate: details, format, digests, .. } = *options;
+        let request = Request { profile, threshold, details, format, digests };
+        let found = search_for(&p, model, &request, slot).with_context(|| source.clone())?;
         let poses = options.calibration.map(|c| found.detections.iter().map(|d| c.pose(model, d)).collect::<Vec<_>>());
         let canvas = options.annotate.then(|| {
             let mut canvas = draw(&p, model, &found);

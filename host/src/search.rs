@@ -6,13 +6,15 @@ use std::sync::{Mutex, MutexGuard};
 use std::time::Instant;
 
 use anyhow::{Context, Result};
-use keygraph_core::detect::{Detection, HdDetector, QqvgaDetector, QvgaDetector, Stats, VgaDetector};
+use keygraph_core::detect::{Detection, HdDetector, Observer, Output, QqvgaDetector, QvgaDetector, Stats, VgaDetector};
+use keygraph_core::digest::Digests;
 use keygraph_core::frame::{Frame, FrameError, PixelFormat};
 use keygraph_core::geometry::Homography;
 use keygraph_core::model::Model;
 use keygraph_core::shrink::shrink;
 
 use crate::input::{Picture, Pixels};
+use crate::sensor::{SensorFormat, sense};
 
 /// A frame size that detectors are built for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -89,6 +91,17 @@ pub fn fit(picture: &Picture, side: usize, pixels: usize) -> Scaled<'_> {
     Scaled { format, width: dw, height: dh, data: Cow::Owned(data), scale }
 }
 
+/// `picture` as a detector of this profile takes it: scaled down, and in the format of
+/// a sensor where one is wanted.
+#[must_use]
+pub fn prepare(picture: &Picture, profile: Profile, format: Option<SensorFormat>) -> Scaled<'_> {
+    let (side, pixels) = profile.limits();
+    let scaled = fit(picture, side, pixels);
+    let Some(format) = format else { return scaled };
+    let (width, height, data) = sense(scaled.format, (scaled.width, scaled.height), &scaled.data, format);
+    Scaled { format: format.into(), width, height, data: Cow::Owned(data), scale: scaled.scale }
+}
+
 /// What was found in one frame, in px of the input.
 #[derive(Clone, Debug)]
 pub struct Found {
@@ -102,6 +115,57 @@ pub struct Found {
     pub corners: Vec<[f32; 2]>,
     /// Triangles that agree with each detection, if asked for.
     pub supporters: Vec<Vec<[[f32; 2]; 3]>>,
+    /// A digest of each stage's output, if asked for.
+    pub digests: Option<Digests>,
+}
+
+impl Found {
+    /// Carries everything from a frame with so many px per px of the input to the px
+    /// of the input.
+    pub fn map_back(&mut self, [sx, sy]: [f32; 2]) {
+        let back = Homography::affine([1.0 / sx, 0.0, 0.5 / sx - 0.5, 0.0, 1.0 / sy, 0.5 / sy - 0.5]);
+        for d in &mut self.detections {
+            d.homography = back.after(&d.homography).normalised();
+            d.corners = d.corners.map(|p| back.apply(p));
+        }
+        for p in self.corners.iter_mut().chain(self.supporters.iter_mut().flatten().flatten()) {
+            *p = back.apply(*p);
+        }
+    }
+}
+
+/// What is wanted of a frame.
+#[derive(Clone, Copy, Debug)]
+pub struct Request {
+    /// Size of the detector.
+    pub profile: Profile,
+    /// Least score of a detection.
+    pub threshold: f32,
+    /// Whether to tell corners and supporters.
+    pub details: bool,
+    /// The format of the sensor that is to be stood in for; else the pixels are taken
+    /// as they were decoded.
+    pub format: Option<SensorFormat>,
+    /// Whether to tell digests.
+    pub digests: bool,
+}
+
+/// Times the stages, and makes digests if asked for.
+struct Watch {
+    start: Instant,
+    digests: Option<Digests>,
+}
+
+impl Observer for Watch {
+    fn now(&mut self) -> u64 {
+        u64::try_from(self.start.elapsed().as_nanos()).unwrap_or(u64::MAX)
+    }
+
+    fn saw(&mut self, output: Output<'_>) {
+        if let Some(digests) = &mut self.digests {
+            digests.add(output);
+        }
+    }
 }
 
 /// A detector of any profile.
@@ -110,8 +174,7 @@ pub trait Engine {
     ///
     /// # Errors
     /// As the core.
-    fn run(&mut self, frame: &Frame<'_>, model: &Model<'_>, threshold: f32, details: bool)
-    -> Result<Found, FrameError>;
+    fn run(&mut self, frame: &Frame<'_>, model: &Model<'_>, request: &Request) -> Result<Found, FrameError>;
 }
 
 macro_rules! engine {
@@ -119,12 +182,18 @@ macro_rules! engine {
         static $pool: [Mutex<$detector>; MAX_THREADS] = [const { Mutex::new(<$detector>::new()) }; MAX_THREADS];
 
         impl Engine for $detector {
-            fn run(&mut self, frame: &Frame<'_>, model: &Model<'_>, threshold: f32, details: bool) -> Result<Found, FrameError> {
-                let start = Instant::now();
-                let mut clock = || u64::try_from(start.elapsed().as_nanos()).unwrap_or(u64::MAX);
-                let detections = self.detect(frame, model, threshold, &mut clock)?.to_vec();
-                let mut found = Found { detections, stats: *self.stats(), total_ns: 0, corners: Vec::new(), supporters: Vec::new() };
-                if details {
+            fn run(&mut self, frame: &Frame<'_>, model: &Model<'_>, request: &Request) -> Result<Found, FrameError> {
+                let mut watch = Watch { start: Instant::now(), digests: request.digests.then(Digests::new) };
+                let detections = self.detect(frame, model, request.threshold, &mut watch)?.to_vec();
+                let mut found = Found {
+                    detections,
+                    stats: *self.stats(),
+                    total_ns: 0,
+                    corners: Vec::new(),
+                    supporters: Vec::new(),
+                    digests: watch.digests,
+                };
+                if request.details {
                     found.corners = self.corners().collect();
                     found.supporters = found.detections.iter().map(|d| self.supporters(model, d).collect()).collect();
                 }
@@ -157,28 +226,27 @@ pub fn search(
     details: bool,
     slot: usize,
 ) -> Result<Found> {
+    search_for(picture, model, &Request { profile, threshold, details, format: None, digests: false }, slot)
+}
+
+/// The same, with everything that can be asked for.
+///
+/// # Errors
+/// When the picture is too small.
+pub fn search_for(picture: &Picture, model: &Model<'_>, request: &Request, slot: usize) -> Result<Found> {
     let start = Instant::now();
-    let (side, pixels) = profile.limits();
-    let scaled = fit(picture, side, pixels);
+    let scaled = prepare(picture, request.profile, request.format);
     let frame = Frame::new(scaled.format, scaled.width, scaled.height, &scaled.data).with_context(|| {
         format!("{}x{} px, {}x{} at this profile", picture.width, picture.height, scaled.width, scaled.height)
     })?;
     let slot = slot % MAX_THREADS;
-    let mut found = match profile {
-        Profile::Hd => lock(&HD[slot]).run(&frame, model, threshold, details),
-        Profile::Vga => lock(&VGA[slot]).run(&frame, model, threshold, details),
-        Profile::Qvga => lock(&QVGA[slot]).run(&frame, model, threshold, details),
-        Profile::Qqvga => lock(&QQVGA[slot]).run(&frame, model, threshold, details),
+    let mut found = match request.profile {
+        Profile::Hd => lock(&HD[slot]).run(&frame, model, request),
+        Profile::Vga => lock(&VGA[slot]).run(&frame, model, request),
+        Profile::Qvga => lock(&QVGA[slot]).run(&frame, model, request),
+        Profile::Qqvga => lock(&QQVGA[slot]).run(&frame, model, request),
     }?;
-    let [sx, sy] = scaled.scale;
-    let back = Homography::affine([1.0 / sx, 0.0, 0.5 / sx - 0.5, 0.0, 1.0 / sy, 0.5 / sy - 0.5]);
-    for d in &mut found.detections {
-        d.homography = back.after(&d.homography).normalised();
-        d.corners = d.corners.map(|p| back.apply(p));
-    }
-    for p in found.corners.iter_mut().chain(found.supporters.iter_mut().flatten().flatten()) {
-        *p = back.apply(*p);
-    }
+    found.map_back(scaled.scale);
     found.total_ns = u64::try_from(start.elapsed().as_nanos()).unwrap_or(u64::MAX);
     Ok(found)
 }

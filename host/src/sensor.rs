@@ -1,0 +1,165 @@
+//! Pixels as a camera's sensor would give them.
+//!
+//! In: pixels as they were decoded (RGB, gray, I420). Out: the buffer of a sensor of
+//! the wanted format that sees the same, so that a laptop and a board can be given the
+//! same bytes. A column or row that the format cannot hold is cropped at the right or
+//! at the bottom, so that coordinates stay. Luma and chroma are ITU-R BT.601, limited
+//! range, in integers; a chroma sample is the mean of the pixels that share it.
+//!
+//! Memory: the pixels as RGB, and the new buffer. Cost: a pass over the pixels.
+
+use keygraph_core::frame::PixelFormat;
+
+use crate::annotate::i420_to_rgb;
+
+/// The formats that the detector takes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum SensorFormat {
+    /// 3 bytes a pixel: red, green, blue
+    Rgb8,
+    /// 1 byte a pixel: no colour
+    Gray8,
+    /// 4:2:2 packed, Y U Y V
+    Yuyv,
+    /// 4:2:0, a plane of Y, one of U and V in turn
+    Nv12,
+    /// 4:2:0, planes of Y, U and V
+    I420,
+    /// 2 bytes a pixel, little endian, red in the top five bits
+    Rgb565,
+}
+
+impl From<SensorFormat> for PixelFormat {
+    fn from(f: SensorFormat) -> Self {
+        match f {
+            SensorFormat::Rgb8 => Self::Rgb8,
+            SensorFormat::Gray8 => Self::Gray8,
+            SensorFormat::Yuyv => Self::Yuyv,
+            SensorFormat::Nv12 => Self::Nv12,
+            SensorFormat::I420 => Self::I420,
+            SensorFormat::Rgb565 => Self::Rgb565,
+        }
+    }
+}
+
+/// `data`, a frame of `width` x `height` px, as a sensor of format `to` would give it:
+/// width, height and bytes. A frame that is in that format already is left as it is.
+#[must_use]
+pub fn sense(
+    from: PixelFormat,
+    (width, height): (usize, usize),
+    data: &[u8],
+    to: SensorFormat,
+) -> (usize, usize, Vec<u8>) {
+    if from == PixelFormat::from(to) {
+        return (width, height, data.to_vec());
+    }
+    let rgb = match from {
+        PixelFormat::I420 => i420_to_rgb(data, width, height),
+        PixelFormat::Gray8 => data.iter().flat_map(|&y| [y; 3]).collect(),
+        _ => data.to_vec(),
+    };
+    let at = |x: usize, y: usize| {
+        let i = 3 * (y * width + x);
+        [rgb[i], rgb[i + 1], rgb[i + 2]].map(i32::from)
+    };
+    let (w, h) = match to {
+        SensorFormat::Yuyv => (width & !1, height),
+        SensorFormat::Nv12 | SensorFormat::I420 => (width & !1, height & !1),
+        _ => (width, height),
+    };
+    let pixels = || (0..h).flat_map(|y| (0..w).map(move |x| (x, y)));
+    let lumas = || pixels().map(|(x, y)| luma(at(x, y)));
+    let blocks = || (0..h / 2).flat_map(|y| (0..w / 2).map(move |x| (2 * x, 2 * y)));
+    let block = |(x, y): (usize, usize)| chroma(&[at(x, y), at(x + 1, y), at(x, y + 1), at(x + 1, y + 1)]);
+    let bytes = match to {
+        SensorFormat::Rgb8 => rgb,
+        SensorFormat::Gray8 => pixels()
+            .map(|(x, y)| at(x, y))
+            .map(|[r, g, b]| byte((4899 * r + 9617 * g + 1868 * b + 8192) >> 14))
+            .collect(),
+        SensorFormat::Yuyv => pixels()
+            .flat_map(|(x, y)| {
+                let pair = chroma(&[at(x & !1, y), at(x | 1, y)]);
+                [luma(at(x, y)), pair[x & 1]]
+            })
+            .collect(),
+        SensorFormat::Nv12 => lumas().chain(blocks().flat_map(block)).collect(),
+        SensorFormat::I420 => {
+            lumas().chain(blocks().map(|p| block(p)[0])).chain(blocks().map(|p| block(p)[1])).collect()
+        }
+        SensorFormat::Rgb565 => pixels()
+            .map(|(x, y)| at(x, y))
+            .flat_map(|[r, g, b]| {
+                let (high, low) = (r >> 3 << 3 | g >> 5, (g >> 2 & 7) << 5 | b >> 3);
+                [byte(low), byte(high)]
+            })
+            .collect(),
+    };
+    (w, h, bytes)
+}
+
+fn luma([r, g, b]: [i32; 3]) -> u8 {
+    byte(((66 * r + 129 * g + 25 * b + 128) >> 8) + 16)
+}
+
+/// U and V of pixels that share them.
+fn chroma<const N: usize>(pixels: &[[i32; 3]; N]) -> [u8; 2] {
+    let n = i32::try_from(N).unwrap_or(1);
+    let [r, g, b] = [0, 1, 2].map(|c| pixels.iter().map(|p| p[c]).sum::<i32>() / n);
+    [(112 * b - 38 * r - 74 * g + 128) >> 8, (112 * r - 94 * g - 18 * b + 128) >> 8].map(|v| byte(v + 128))
+}
+
+fn byte(v: i32) -> u8 {
+    u8::try_from(v.clamp(0, 255)).unwrap_or(0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use keygraph_core::frame::Frame;
+
+    const FORMATS: [SensorFormat; 6] = [
+        SensorFormat::Rgb8,
+        SensorFormat::Gray8,
+        SensorFormat::Yuyv,
+        SensorFormat::Nv12,
+        SensorFormat::I420,
+        SensorFormat::Rgb565,
+    ];
+
+    /// Every format gives a frame that the core takes, of an odd picture too, and
+    /// whose luma is that of the picture.
+    #[test]
+    fn frames_are_whole_and_look_alike() {
+        let (w, h) = (35, 17);
+        let ramp = |step: usize, i: usize| u8::try_from(step * i % 64 + 90).unwrap_or(0);
+        let rgb: Vec<u8> = (0..w * h).flat_map(|i| [7, 5, 3].map(|step| ramp(step, i))).collect();
+        let luma_of = |format: PixelFormat, w: usize, h: usize, data: &[u8]| {
+            let (mut luma, mut a, mut b) = (vec![0; w * h], vec![0; w * h], vec![0; w * h]);
+            Frame::new(format, w, h, data).expect("one frame").convert(&mut luma, &mut a, &mut b);
+            luma
+        };
+        let whole = luma_of(PixelFormat::Rgb8, w, h, &rgb);
+        for format in FORMATS {
+            let (sw, sh, data) = sense(PixelFormat::Rgb8, (w, h), &rgb, format);
+            let luma = luma_of(format.into(), sw, sh, &data);
+            assert!(sw >= w - 1 && sh >= h - 1, "{format:?} crops to {sw}x{sh}");
+            for (i, &l) in luma.iter().enumerate() {
+                let full = whole[i / sw * w + i % sw];
+                // Limited range holds 219 of 255 steps; RGB565 drops three bits.
+                assert!(full.abs_diff(l) <= 12, "{format:?} at {i}: {l} for {full}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_red_pixel_by_hand() {
+        let red: Vec<u8> = [255, 0, 0].repeat(16 * 16);
+        let start = |format| sense(PixelFormat::Rgb8, (16, 16), &red, format).2[..4].to_vec();
+        assert_eq!(start(SensorFormat::Yuyv), [82, 90, 82, 240]);
+        assert_eq!(start(SensorFormat::Rgb565), [0x00, 0xf8, 0x00, 0xf8]);
+        assert_eq!(start(SensorFormat::Gray8), [76, 76, 76, 76]);
+        assert_eq!(start(SensorFormat::I420), [82, 82, 82, 82]);
+    }
+}
