@@ -29,6 +29,7 @@ const HOPELESS: f32 = 0.8;
 
 /// How the frame correlates with the template, block by block.
 #[derive(Clone, Copy, Debug, Default)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Appearance {
     /// Blocks that count.
     pub blocks: u16,

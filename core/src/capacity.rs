@@ -13,6 +13,7 @@
 /// triangles alike; corners count as dropped beyond the method's limit too; pose
 /// counts candidates in, and vertex pairs as dropped.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct StageStats {
     /// Candidates that came in.
     pub seen: u32,
@@ -24,6 +25,7 @@ pub struct StageStats {
 
 /// The stages, in the order in which a frame flows through them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Stage {
     /// Raw pixels to luma and half-size chroma.
     Convert,

@@ -38,6 +38,7 @@ pub struct MatchRule {
 
 /// A model keygraph that a frame keygraph looks like.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Match {
     /// Index of the model keygraph.
     pub keygraph: u32,

@@ -30,6 +30,7 @@ pub const SCRATCH_ROWS: usize = 15;
 
 /// A corner of one pyramid level.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Corner {
     /// Position in its level, 1/16 px.
     pub point: Point,

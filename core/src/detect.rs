@@ -38,6 +38,7 @@ pub const DEFAULT_THRESHOLD: f32 = 0.6;
 
 /// One instance of an object in a frame.
 #[derive(Clone, Copy, Debug)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Detection {
     /// Index of the object in the model.
     pub object: u16,
@@ -57,6 +58,7 @@ pub struct Detection {
 
 /// What the stages did with one frame.
 #[derive(Clone, Copy, Debug, Default)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Stats {
     /// Counts by stage, in the order of [`Stage::ALL`].
     pub stages: [StageStats; Stage::COUNT],
@@ -158,7 +160,10 @@ impl<'a> Laps<'a> {
     /// Ends the work of a stage, and shows what it made.
     fn end(&mut self, stats: &mut Stats, output: Output<'_>) {
         let now = self.observer.now();
-        stats.ticks[output.stage() as usize] += now.wrapping_sub(self.last);
+        let ticks = now.wrapping_sub(self.last);
+        stats.ticks[output.stage() as usize] += ticks;
+        #[cfg(feature = "defmt")]
+        defmt::trace!("{}: {} ticks", output.stage(), ticks);
         self.observer.saw(output);
         self.last = self.observer.now();
     }
@@ -263,6 +268,22 @@ impl<
     };
     /// Most pixels of a frame.
     pub const MAX_PIXELS: usize = LUMA / 85 * 64;
+
+    /// Bytes of the buffers, by what they hold; the rest of a detector is under 1 KB.
+    pub const BUFFERS: [(&'static str, usize); 12] = [
+        ("luma", LUMA),
+        ("chroma", 2 * CHROMA),
+        ("corner rows", size_of::<[[i32; SIDE]; SCRATCH_ROWS]>()),
+        ("corners", size_of::<Vec<Corner, CORNERS>>()),
+        ("keypoints", size_of::<Vec<Point, CORNERS>>()),
+        ("triangulation", size_of::<Triangulation<POINTS>>()),
+        ("triples", size_of::<Vec<Triple, KEYGRAPHS>>()),
+        ("keygraphs", size_of::<Vec<Keygraph, KEYGRAPHS>>()),
+        ("features", size_of::<[Feature; KEYGRAPHS]>()),
+        ("votes", size_of::<Vec<Vote, KEYGRAPHS>>()),
+        ("bins of votes", size_of::<[Bin; BINS]>()),
+        ("vertex pairs", size_of::<Vec<Pair, KEYGRAPHS>>()),
+    ];
 
     /// An idle detector, all zero.
     #[must_use]
@@ -534,7 +555,21 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
         }
         self.detections.sort_unstable_by(|a, b| b.score.total_cmp(&a.score));
         laps.end(&mut self.stats, Output::Detections(&self.detections));
+        #[cfg(feature = "defmt")]
+        self.log(model);
         Ok(&self.detections)
+    }
+
+    /// One line a stage, and one a detection.
+    #[cfg(feature = "defmt")]
+    fn log(&self, model: &Model<'_>) {
+        for (stage, s) in Stage::ALL.iter().zip(&self.stats.stages) {
+            defmt::debug!("{=str}: seen {} kept {} dropped {}", stage.name(), s.seen, s.kept, s.dropped);
+        }
+        for d in &self.detections {
+            let name = model.object(usize::from(d.object)).name;
+            defmt::debug!("found {=str}, score {}, corners {}", name, d.score, d.corners);
+        }
     }
 
     fn find_keypoints(&mut self, level: usize, finder: &mut impl Finder) {

@@ -39,6 +39,7 @@ const CHROMA_FLOOR: f32 = 4.0;
 
 /// What a feature is made of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum FeatureKind {
     /// Chroma, as in the paper.
     Chroma,

@@ -28,6 +28,7 @@ pub const MAX_SIDE: usize = 1 << 15;
 
 /// How the pixels of a [`Frame`] lie in memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum PixelFormat {
     /// 3 bytes a pixel: red, green, blue.
     Rgb8,
@@ -59,6 +60,7 @@ impl PixelFormat {
 
 /// Why a frame was refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum FrameError {
     /// The buffer does not hold exactly one frame: pass `expected` bytes
     /// (rows without padding).

@@ -9,6 +9,7 @@
 ///
 /// Coordinates are never negative; 2047 px is the largest that fits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Point {
     /// Column, 1/16 px.
     pub x: i16,
@@ -71,6 +72,7 @@ pub fn in_circle(a: Point, b: Point, c: Point, d: Point) -> i64 {
 /// A projective map of the plane, row-major, from px to px (pixel centres at
 /// integers).
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Homography(pub [f32; 9]);
 
 impl Homography {

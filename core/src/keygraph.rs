@@ -43,6 +43,7 @@ pub struct Scalene {
 
 /// What the partition is made by, in steps of half a degree.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Key {
     /// Whether the vertices in ascending order of angle have negative
     /// orientation.
@@ -71,6 +72,7 @@ pub fn cell_of(mirrored: bool, second_bin: u8, largest_bin: u8) -> usize {
 
 /// A triangle of keypoints in canonical order.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Keygraph {
     /// Indices of the vertices, in ascending order of their angle.
     pub vertices: Triple,

@@ -33,6 +33,7 @@ pub(crate) const VERTICES: usize = 5;
 
 /// How the keygraphs were made, and so how frames are searched.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Method {
     /// Several views and scales, nested levels, normalised features.
     Keygraph,
@@ -53,6 +54,7 @@ impl Method {
 
 /// Why bytes are not a model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum ModelError {
     /// The bytes do not start as a model does: pass a `.kgm` file.
     NotAModel,

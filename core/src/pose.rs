@@ -24,6 +24,7 @@ use crate::vote::{Candidate, Vote};
 /// A model vertex and the frame corner that a match pairs it with, both in
 /// normalised coordinates.
 #[derive(Clone, Copy, Debug, Default)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Pair {
     /// Picture point.
     pub from: [f32; 2],

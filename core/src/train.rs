@@ -47,6 +47,7 @@ const COSTS: usize = MAX_COST as usize + 1;
 
 /// One view that a picture is rendered in.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ViewSpec {
     /// Longer side of the picture in the view, px; never above the picture's own.
     pub side_px: f32,
@@ -78,6 +79,7 @@ pub struct TrainParams<'a> {
 
 /// Why a picture was not trained.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum TrainError {
     /// The picture was refused.
     Picture(FrameError),

@@ -21,6 +21,7 @@ use crate::model::{Object, View};
 
 /// A pose hypothesis: where the middle of an object lies, and its turn and size.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Similarity {
     /// Middle of the picture in the frame, px.
     pub centre: [f32; 2],
@@ -53,6 +54,7 @@ impl Similarity {
 
 /// One match and the pose that it speaks for.
 #[derive(Clone, Copy, Debug, Default)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Vote {
     /// The pose.
     pub pose: Similarity,
@@ -139,6 +141,7 @@ impl Bin {
 
 /// A pose that many matches speak for.
 #[derive(Clone, Copy, Debug, Default)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Candidate {
     /// The object.
     pub object: u16,

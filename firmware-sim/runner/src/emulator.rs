@@ -1,0 +1,118 @@
+//! The emulator: a firmware, a model and frames in, results and logs out.
+//!
+//! In: an ELF file, the bytes of a model for the region of flash that is kept for it,
+//! and what [`wire`] defines. Out: the words that the board wrote, and what it sent over
+//! the serial port. Its log is decoded on the spot. Cost: a frame takes a second or so.
+
+use std::fs::{self, File};
+use std::io::{ErrorKind, Read};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+use anyhow::{Context, Result, bail, ensure};
+use defmt_decoder::{DecodeError, Table};
+use keygraph_firmware_sim::wire::{FRAMES, RESULTS};
+
+use crate::board::{Contents, Machine};
+
+const MODEL: &str = "model.kgm";
+const SERIAL: &str = "serial.txt";
+
+/// What the board left.
+#[derive(Clone, Debug)]
+pub struct Output {
+    /// The words of its results.
+    pub words: Vec<u32>,
+    /// The text of its serial port.
+    pub serial: String,
+}
+
+/// A folder that goes when it is no longer needed.
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new() -> Result<Self> {
+        let path = std::env::temp_dir().join(format!("keygraph-board-{}", std::process::id()));
+        fs::create_dir_all(&path).with_context(|| format!("cannot make {}", path.display()))?;
+        Ok(Self(path))
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        // What cannot be removed is left to the system.
+        let _ = fs::remove_dir_all(&self.0);
+    }
+}
+
+/// Runs `elf` to its end. `frames` is what it reads; `model` goes to flash before.
+///
+/// # Errors
+/// When the emulator is missing, and when the firmware panics or faults: its log says
+/// where.
+pub fn run(elf: &Path, contents: &Contents, machine: Machine, model: Option<&[u8]>, frames: &[u8]) -> Result<Output> {
+    let folder = Folder::new()?;
+    let at = |name: &str| folder.0.join(name);
+    fs::write(at(FRAMES), frames).context("cannot write the frames for the board")?;
+    let mut qemu = Command::new("qemu-system-arm");
+    qemu.args(["-machine", machine.emulated(), "-display", "none", "-monitor", "none", "-icount", "shift=6"])
+        .args(["-semihosting-config", "enable=on,target=native"])
+        .args(["-serial", &format!("file:{SERIAL}"), "-kernel"])
+        .arg(elf.canonicalize().with_context(|| format!("cannot find {}", elf.display()))?);
+    if let Some(bytes) = model {
+        let (address, room) = contents.models;
+        ensure!(
+            bytes.len() as u64 <= room,
+            "the model has {} bytes, the flash of {} has room for {room}: train it with --preset compact or --bytes {room}",
+            bytes.len(),
+            machine.modelled()
+        );
+        fs::write(at(MODEL), bytes).context("cannot write the model for the board")?;
+        qemu.args(["-device", &format!("loader,file={MODEL},addr={address:#x},force-raw=on")]);
+    }
+    let mut child = match qemu.current_dir(&folder.0).stdin(Stdio::null()).stdout(Stdio::piped()).spawn() {
+        Ok(child) => child,
+        Err(e) if e.kind() == ErrorKind::NotFound => {
+            bail!("qemu-system-arm is missing: install it with `sudo apt-get install qemu-system-arm`")
+        }
+        Err(e) => return Err(e).context("cannot run qemu-system-arm"),
+    };
+    let log = child.stdout.take().context("the emulator has an output")?;
+    show_log(elf, log)?;
+    let status = child.wait()?;
+    ensure!(status.success(), "the board stopped with {status}: its log above says where");
+    let mut bytes = Vec::new();
+    File::open(at(RESULTS)).and_then(|mut f| f.read_to_end(&mut bytes)).context("the board left no results")?;
+    let words = bytes.chunks_exact(4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
+    Ok(Output { words, serial: fs::read_to_string(at(SERIAL)).unwrap_or_default() })
+}
+
+/// Decodes the log as it comes, a line each on standard error.
+fn show_log(elf: &Path, mut log: impl Read) -> Result<()> {
+    let elf = fs::read(elf)?;
+    let table = Table::parse(&elf)?.context("the firmware has no log table")?;
+    let places = table.get_locations(&elf)?;
+    let mut decoder = table.new_stream_decoder();
+    let mut buffer = [0; 4096];
+    loop {
+        let n = log.read(&mut buffer)?;
+        if n == 0 {
+            return Ok(());
+        }
+        decoder.received(&buffer[..n]);
+        loop {
+            match decoder.decode() {
+                Ok(frame) => {
+                    let level = frame.level().map_or("print", |l| l.as_str());
+                    let place = places.get(&frame.index()).map_or_else(String::new, |p| {
+                        let file = p.file.file_name().unwrap_or_default().to_string_lossy().into_owned();
+                        format!(" ({file}:{})", p.line)
+                    });
+                    eprintln!("board: {level}: {}{place}", frame.display_message());
+                }
+                Err(DecodeError::UnexpectedEof) => break,
+                Err(DecodeError::Malformed) => eprintln!("board: a line of the log was lost"),
+            }
+        }
+    }
+}

@@ -1,0 +1,23 @@
+//! Firmware that finds the objects of the model in flash.
+//!
+//! In: the model, a job and frames. Out: a report a frame. Memory: the detector and a
+//! raw frame. Cost: told in the reports, by stage.
+#![no_std]
+#![no_main]
+
+use keygraph_core::model::Model;
+use keygraph_firmware_sim::board::{Link, finish, frame_buffer, model, start_clock};
+use keygraph_firmware_sim::profile::Detector;
+use keygraph_firmware_sim::search::search_all;
+
+#[cortex_m_rt::entry]
+fn main() -> ! {
+    static mut DETECTOR: Detector = Detector::new();
+    start_clock();
+    let (mut link, job) = Link::open();
+    match Model::parse(model()) {
+        Ok(model) => search_all(DETECTOR, &model, &job, &mut link, frame_buffer()),
+        Err(e) => panic!("the model in flash: {e}"),
+    }
+    finish()
+}

@@ -1,0 +1,247 @@
+//! The emulated board: its clock, its flash, its memory, its files.
+//!
+//! The only file with `unsafe`: registers, symbols of the linker, and memory that is
+//! handed out once. In: none. Out: safe functions for the firmwares. Memory: the raw
+//! frame. Cost: a clock reading is a load; a file access stops the emulator.
+//!
+//! A panic or a fault says where on the log and ends the emulator with status 101.
+
+use core::mem::MaybeUninit;
+use core::ptr::{addr_of, addr_of_mut, read_volatile, write_volatile};
+use core::sync::atomic::{AtomicBool, Ordering};
+
+use cortex_m as _;
+use cortex_m_rt::{ExceptionFrame, exception};
+use defmt_semihosting as _;
+use semihosting::fs::File;
+use semihosting::io::{Read, Write};
+
+use crate::learn::Learner;
+use crate::profile::{Detector, FRAME_BYTES};
+use crate::wire::{FRAMES, FrameHeader, Job, RESULTS};
+
+/// Status that a panic or a fault ends with.
+const FAILED: i32 = 101;
+
+/// CMSDK timer 0: control, value (counts down), reload.
+const TIMER: *mut u32 = 0x4000_0000 as *mut u32;
+
+/// CMSDK serial port 0: data, state, control, interrupts, divisor.
+const UART: *mut u32 = 0x4000_4000 as *mut u32;
+
+/// Starts the clock.
+pub fn start_clock() {
+    // SAFETY: the timer's registers, which nothing else touches.
+    unsafe {
+        write_volatile(TIMER.add(2), u32::MAX);
+        write_volatile(TIMER.add(1), u32::MAX);
+        write_volatile(TIMER, 1);
+    }
+}
+
+/// Ticks since the start, 25 million a second; wraps after 171 s.
+#[must_use]
+pub fn ticks() -> u64 {
+    // SAFETY: reading the timer's value has no effect.
+    u64::from(u32::MAX - unsafe { read_volatile(TIMER.add(1)) })
+}
+
+unsafe extern "C" {
+    static mut _stack_start: u32;
+    static mut _stack_end: u32;
+    static mut _model_start: u8;
+    static mut _model_end: u8;
+}
+
+/// Most bytes of stack that were ever used: what is painted is untouched.
+#[must_use]
+pub fn stack_bytes() -> u32 {
+    let (top, mut word) = (addr_of!(_stack_start), addr_of!(_stack_end));
+    // SAFETY: whole words between the stack's ends, painted before main; nothing
+    // below the stack pointer is alive.
+    while word < top && unsafe { read_volatile(word) } == cortex_m_rt::STACK_PAINT_VALUE {
+        word = word.wrapping_add(1);
+    }
+    (top as usize - word as usize) as u32
+}
+
+/// The region of flash that is kept for models.
+fn model_region() -> &'static [u8] {
+    let (start, end) = (addr_of!(_model_start), addr_of!(_model_end));
+    // SAFETY: memory of the emulator from its start on, written only by `program`,
+    // which takes the model's bytes from nobody.
+    unsafe { core::slice::from_raw_parts(start, end as usize - start as usize) }
+}
+
+/// The model in flash: as many bytes as its header says, none if that cannot be.
+#[must_use]
+pub fn model() -> &'static [u8] {
+    let region = model_region();
+    let size = u32::from_le_bytes([region[8], region[9], region[10], region[11]]) as usize;
+    region.get(..size).unwrap_or(&[])
+}
+
+/// Writes a model to flash, as a driver of the flash would.
+///
+/// # Panics
+/// When it does not fit, or when it is not the first: slices of the one before may
+/// be alive.
+pub fn program(bytes: &[u8]) -> &'static [u8] {
+    static TAKEN: AtomicBool = AtomicBool::new(false);
+    assert!(!TAKEN.swap(true, Ordering::Relaxed), "the flash is written once");
+    assert!(bytes.len() <= model_region().len(), "the model does not fit the flash");
+    // SAFETY: it fits, and the assertion above says that nobody reads it yet: learning
+    // firmware does not call `model`.
+    unsafe { addr_of_mut!(_model_start).copy_from_nonoverlapping(bytes.as_ptr(), bytes.len()) };
+    &model_region()[..bytes.len()]
+}
+
+/// The raw frame's buffer, once.
+///
+/// # Panics
+/// The second time.
+pub fn frame_buffer() -> &'static mut [u8; FRAME_BYTES] {
+    static TAKEN: AtomicBool = AtomicBool::new(false);
+    #[unsafe(link_section = ".frame")]
+    static mut FRAME: MaybeUninit<[u8; FRAME_BYTES]> = MaybeUninit::uninit();
+    assert!(!TAKEN.swap(true, Ordering::Relaxed), "there is one frame buffer");
+    // SAFETY: handed out once, and written whole before that.
+    unsafe {
+        addr_of_mut!(FRAME).write_bytes(0, 1);
+        (*addr_of_mut!(FRAME)).assume_init_mut()
+    }
+}
+
+/// What is new when all its bytes are zero.
+///
+/// # Safety
+/// All bytes zero is a valid value, and dropping it does nothing.
+pub unsafe trait Zeroed {}
+
+// SAFETY: arrays of numbers, empty vectors of them, counters, and a reference that is
+// not there; nothing of it is dropped.
+unsafe impl Zeroed for Detector {}
+// SAFETY: the same, and bytes.
+unsafe impl Zeroed for Learner {}
+
+/// Memory for things that are needed one after the other.
+#[repr(C, align(8))]
+pub struct Arena<const BYTES: usize>(MaybeUninit<[u8; BYTES]>);
+
+impl<const BYTES: usize> Arena<BYTES> {
+    /// All zero.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self(MaybeUninit::zeroed())
+    }
+
+    /// A new `T` in this memory.
+    pub fn make<T: Zeroed>(&mut self) -> &mut T {
+        const { assert!(size_of::<T>() <= BYTES && align_of::<T>() <= 8, "the arena is too small") };
+        self.0 = MaybeUninit::zeroed();
+        // SAFETY: large enough, aligned, all zero, and borrowed for as long as `self`.
+        unsafe { &mut *self.0.as_mut_ptr().cast::<T>() }
+    }
+}
+
+/// Frames from the laptop, as a sensor would deliver them.
+pub struct Link {
+    frames: File,
+    results: File,
+}
+
+impl Link {
+    /// Opens both files, and reads what is to be done.
+    ///
+    /// # Panics
+    /// When they are not there.
+    #[must_use]
+    pub fn open() -> (Self, Job) {
+        let path = |name: &str, buffer: &mut [u8; 16]| buffer[..name.len()].copy_from_slice(name.as_bytes());
+        let (mut frames, mut results) = ([0; 16], [0; 16]);
+        path(FRAMES, &mut frames);
+        path(RESULTS, &mut results);
+        let c = |b| core::ffi::CStr::from_bytes_until_nul(b).expect("names are short");
+        let frames = File::open(c(&frames)).expect("the file of frames is there");
+        let results = File::create(c(&results)).expect("the file of results can be made");
+        let mut link = Self { frames, results };
+        let job = link.words().expect("the file of frames starts with a job");
+        (link, Job::decode(job))
+    }
+
+    fn words<const N: usize>(&mut self) -> Option<[u32; N]> {
+        let mut words = [0; N];
+        for word in &mut words {
+            let mut bytes = [0; 4];
+            self.frames.read_exact(&mut bytes).ok()?;
+            *word = u32::from_le_bytes(bytes);
+        }
+        Some(words)
+    }
+
+    /// Reads the next frame into the start of `buffer`; `None` after the last.
+    ///
+    /// # Panics
+    /// When it is larger than the buffer, or breaks off.
+    pub fn next_frame(&mut self, buffer: &mut [u8]) -> Option<FrameHeader> {
+        let header = FrameHeader::decode(self.words()?).expect("the format exists");
+        let bytes = buffer.get_mut(..header.bytes()).expect("the frame fits its buffer");
+        self.frames.read_exact(bytes).expect("the frame is whole");
+        Some(header)
+    }
+
+    /// Writes words.
+    ///
+    /// # Panics
+    /// When the disk is full.
+    pub fn put(&mut self, word: u32) {
+        self.results.write_all(&word.to_le_bytes()).expect("results can be written");
+    }
+}
+
+/// The first serial port, for text.
+pub struct Port(());
+
+impl Port {
+    /// Switches it on.
+    #[must_use]
+    pub fn open() -> Self {
+        // SAFETY: the port's registers (divisor, control), which nothing else touches.
+        unsafe {
+            write_volatile(UART.add(4), 16);
+            write_volatile(UART.add(2), 1);
+        }
+        Self(())
+    }
+}
+
+impl core::fmt::Write for Port {
+    fn write_str(&mut self, text: &str) -> core::fmt::Result {
+        for byte in text.bytes() {
+            // SAFETY: the port's registers; bit 0 of the second says that it is busy.
+            unsafe {
+                while read_volatile(UART.add(1)) & 1 != 0 {}
+                write_volatile(UART, u32::from(byte));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Ends the emulator: all went well.
+pub fn finish() -> ! {
+    semihosting::process::exit(0)
+}
+
+#[panic_handler]
+fn panic(info: &core::panic::PanicInfo<'_>) -> ! {
+    cortex_m::interrupt::disable();
+    defmt::error!("{}", defmt::Display2Format(info));
+    semihosting::process::exit(FAILED)
+}
+
+#[exception]
+unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
+    defmt::error!("fault at {=u32:#010x}, called from {=u32:#010x}", frame.pc(), frame.lr());
+    semihosting::process::exit(FAILED)
+}

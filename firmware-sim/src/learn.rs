@@ -1,0 +1,103 @@
+//! An object from the middle of a frame, learnt on the board.
+//!
+//! In: a raw frame of two bytes a pixel (YUYV, RGB565) with the object in its middle.
+//! Out: a model. Memory: a [`Learner`], which is needed before the detector and not
+//! beside it, so that the two share their memory; so does the model, until it is
+//! written to flash. Cost: that of training, some seconds on a Cortex-M7.
+
+use keygraph_core::capacity::{chroma_bytes, luma_bytes};
+use keygraph_core::feature::FeatureKind;
+use keygraph_core::frame::Frame;
+use keygraph_core::model::Method;
+use keygraph_core::train::{TrainError, TrainParams, Trainer, ViewSpec};
+
+use crate::wire::FrameHeader;
+
+/// Longer and shorter side of the largest object that is learnt, px: what fits where
+/// the detector will be.
+#[must_use]
+pub const fn largest(qvga: bool) -> [usize; 2] {
+    if qvga { [240, 180] } else { [112, 84] }
+}
+
+const LARGEST: [usize; 2] = largest(cfg!(feature = "qvga"));
+/// Most bytes of the model.
+pub const MODEL_BYTES: usize = if cfg!(feature = "qvga") { 64 << 10 } else { 24 << 10 };
+
+const PIXELS: usize = LARGEST[0] * LARGEST[1];
+
+/// Memory that an object is learnt in.
+pub struct Learner {
+    trainer: Trainer<{ luma_bytes(PIXELS) }, { chroma_bytes(PIXELS) }, { LARGEST[0] }, 640>,
+    model: [u8; MODEL_BYTES],
+}
+
+const fn view(side_px: f32, squeeze: f32, direction_deg: f32, keypoints: u8) -> ViewSpec {
+    ViewSpec { side_px, squeeze, direction_deg, keypoints }
+}
+
+/// From the front at four sizes, and tilted at one.
+const VIEWS: [ViewSpec; 8] = [
+    view(240.0, 1.0, 0.0, 90),
+    view(170.0, 1.0, 0.0, 80),
+    view(120.0, 1.0, 0.0, 70),
+    view(84.0, 1.0, 0.0, 50),
+    view(170.0, 0.7, 0.0, 60),
+    view(170.0, 0.7, 45.0, 60),
+    view(170.0, 0.7, 90.0, 60),
+    view(170.0, 0.7, 135.0, 60),
+];
+
+impl Learner {
+    /// Learns the middle `size` px of the frame in `buffer`, which is cropped in place.
+    /// The bytes of the model.
+    ///
+    /// # Errors
+    /// Those of training.
+    ///
+    /// # Panics
+    /// When the format has not two bytes a pixel, or `size` exceeds the frame.
+    pub fn learn(&mut self, header: &FrameHeader, buffer: &mut [u8], size: [usize; 2]) -> Result<&[u8], TrainError> {
+        let bytes = crop(header, buffer, size);
+        let frame = Frame::new(header.format, size[0], size[1], &buffer[..bytes])?;
+        let params = TrainParams {
+            name: "learnt",
+            method: Method::Keygraph,
+            feature: FeatureKind::Both,
+            views: &VIEWS,
+            max_keygraphs: usize::MAX,
+            max_per_cell: 4000,
+        };
+        let trained = self.trainer.train(&frame, (size[0] as u32, size[1] as u32), &params, &mut self.model)?;
+        Ok(&self.model[..trained.bytes])
+    }
+}
+
+/// Moves the middle of the frame to the start of its buffer; how many bytes it has.
+fn crop(header: &FrameHeader, buffer: &mut [u8], [cw, ch]: [usize; 2]) -> usize {
+    let [w, h] = header.size.map(|v| v as usize);
+    assert!(header.format.bytes(2, 1) == 4, "learning takes YUYV or RGB565");
+    assert!(cw <= w && ch <= h, "the object exceeds the frame");
+    // Pairs of pixels share chroma.
+    let (x, y) = ((w - cw) / 2 & !1, (h - ch) / 2);
+    for row in 0..ch {
+        let from = 2 * ((y + row) * w + x);
+        buffer.copy_within(from..from + 2 * cw, 2 * cw * row);
+    }
+    2 * cw * ch
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use keygraph_core::frame::PixelFormat;
+
+    #[test]
+    fn the_middle_stays() {
+        // Columns and rows are numbered; a pixel is (column, row).
+        let mut frame: [u8; 2 * 8 * 6] = core::array::from_fn(|i| [i / 2 % 8, i / 16][i % 2] as u8);
+        let header = FrameHeader { format: PixelFormat::Rgb565, size: [8, 6] };
+        assert_eq!(crop(&header, &mut frame, [4, 2]), 16);
+        assert_eq!(frame[..16], [2, 2, 3, 2, 4, 2, 5, 2, 2, 3, 3, 3, 4, 3, 5, 3]);
+    }
+}

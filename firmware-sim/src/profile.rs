@@ -1,0 +1,13 @@
+//! The detector of the build: feature `qvga`, else qqvga.
+//!
+//! In, out: types alone. Memory: a detector and a raw frame of two bytes a pixel.
+
+/// The detector.
+#[cfg(feature = "qvga")]
+pub type Detector = keygraph_core::detect::QvgaDetector;
+/// The detector.
+#[cfg(not(feature = "qvga"))]
+pub type Detector = keygraph_core::detect::QqvgaDetector;
+
+/// Bytes of the largest frame.
+pub const FRAME_BYTES: usize = 2 * Detector::MAX_PIXELS;

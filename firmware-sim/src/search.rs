@@ -1,0 +1,64 @@
+//! Frames from the laptop through the detector.
+//!
+//! In: a detector, a model, frames from the [`Link`]. Out: a [`Report`] a frame.
+//! Memory: what a report takes of the stack, 300 bytes. Cost: the detector's; digests
+//! and reports lie outside what is counted.
+
+use keygraph_core::capacity::Stage;
+use keygraph_core::detect::{Observer, Output};
+use keygraph_core::digest::Digests;
+use keygraph_core::frame::Frame;
+use keygraph_core::model::Model;
+
+use crate::board::{Link, stack_bytes, ticks};
+use crate::profile::Detector;
+use crate::wire::{BUFFERS, FrameHeader, Job, Report};
+
+const _: () = assert!(Detector::BUFFERS.len() == BUFFERS, "wire::BUFFERS says how many there are");
+
+/// Reads the board's clock, and makes digests if asked for.
+struct Watch {
+    digests: Option<Digests>,
+}
+
+impl Observer for Watch {
+    fn now(&mut self) -> u64 {
+        ticks()
+    }
+
+    fn saw(&mut self, output: Output<'_>) {
+        if let Some(digests) = &mut self.digests {
+            digests.add(output);
+        }
+    }
+}
+
+/// Searches every frame that is left, and reports.
+///
+/// # Panics
+/// When a frame does not suit the detector.
+pub fn search_all(detector: &mut Detector, model: &Model<'_>, job: &Job, link: &mut Link, buffer: &mut [u8]) {
+    link.put(size_of::<Detector>() as u32);
+    Detector::BUFFERS.iter().for_each(|(_, bytes)| link.put(*bytes as u32));
+    while let Some(header) = link.next_frame(buffer) {
+        search(detector, model, job, link, &header, &buffer[..header.bytes()]);
+    }
+}
+
+fn search(d: &mut Detector, model: &Model<'_>, job: &Job, link: &mut Link, header: &FrameHeader, data: &[u8]) {
+    let [width, height] = header.size.map(|v| v as usize);
+    let mut watch = Watch { digests: job.digests.then(Digests::new) };
+    let frame = Frame::new(header.format, width, height, data).unwrap_or_else(|e| panic!("{e}"));
+    if let Err(e) = d.detect(&frame, model, job.threshold, &mut watch) {
+        panic!("{e}");
+    }
+    defmt::info!("{} px x {} px: {} found", width, height, d.detections().len());
+    let stats = d.stats();
+    let report = Report {
+        ticks: stats.ticks.map(|t| t as u32),
+        stages: stats.stages,
+        digests: watch.digests.map_or([0; Stage::COUNT], |d| Stage::ALL.map(|s| d.of(s))),
+        stack_bytes: stack_bytes(),
+    };
+    report.encode(d.detections(), &mut |word| link.put(word));
+}

@@ -1,0 +1,199 @@
+//! Frames to the board, results from it.
+//!
+//! In and out: little-endian words of 32 bits. The laptop writes a [`Job`], then each
+//! frame as a [`FrameHeader`] and its bytes; the board answers with the size of its detector
+//! and of [`BUFFERS`] buffers, then with one [`Report`] a frame. Memory: none on the board. Cost: a word
+//! each.
+
+use keygraph_core::align::Appearance;
+use keygraph_core::capacity::{DETECTIONS, Stage, StageStats};
+use keygraph_core::detect::Detection;
+use keygraph_core::frame::PixelFormat;
+use keygraph_core::geometry::Homography;
+use keygraph_core::heapless::Vec;
+
+/// File that the board reads.
+pub const FRAMES: &str = "frames.bin";
+/// File that the board writes.
+pub const RESULTS: &str = "results.bin";
+/// How many buffers the board tells the sizes of.
+pub const BUFFERS: usize = 12;
+
+/// Instructions that a tick of the emulated board's clock stands for, as a fraction:
+/// one takes 64 ns, the clock counts at 25 MHz.
+const INSTRUCTIONS_PER_TICK: (u64, u64) = (40, 64);
+
+/// What the board is to do with all frames.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Job {
+    /// Least score of a detection.
+    pub threshold: f32,
+    /// Whether to make digests.
+    pub digests: bool,
+    /// Width and height of the middle of the first frame that is to be learnt, px; zero
+    /// where nothing is.
+    pub learn: [u32; 2],
+}
+
+impl Job {
+    /// How many words it has.
+    pub const WORDS: usize = 4;
+
+    /// As words.
+    #[must_use]
+    pub const fn encode(&self) -> [u32; Self::WORDS] {
+        [self.threshold.to_bits(), self.digests as u32, self.learn[0], self.learn[1]]
+    }
+
+    /// From words.
+    #[must_use]
+    pub const fn decode([threshold, digests, width, height]: [u32; Self::WORDS]) -> Self {
+        Self { threshold: f32::from_bits(threshold), digests: digests != 0, learn: [width, height] }
+    }
+}
+
+/// What stands before the bytes of a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FrameHeader {
+    /// How its pixels lie.
+    pub format: PixelFormat,
+    /// Width and height, px.
+    pub size: [u32; 2],
+}
+
+const FORMATS: [PixelFormat; 6] = [
+    PixelFormat::Rgb8,
+    PixelFormat::Gray8,
+    PixelFormat::Yuyv,
+    PixelFormat::Nv12,
+    PixelFormat::I420,
+    PixelFormat::Rgb565,
+];
+
+impl FrameHeader {
+    /// How many words it has.
+    pub const WORDS: usize = 3;
+
+    /// As words.
+    #[must_use]
+    pub fn encode(&self) -> [u32; Self::WORDS] {
+        let format = FORMATS.iter().position(|f| *f == self.format).unwrap_or(0);
+        [format as u32, self.size[0], self.size[1]]
+    }
+
+    /// From words; `None` for a format that does not exist.
+    #[must_use]
+    pub fn decode([format, width, height]: [u32; Self::WORDS]) -> Option<Self> {
+        Some(Self { format: *FORMATS.get(format as usize)?, size: [width, height] })
+    }
+
+    /// Bytes of the frame.
+    #[must_use]
+    pub const fn bytes(&self) -> usize {
+        self.format.bytes(self.size[0] as usize, self.size[1] as usize)
+    }
+}
+
+/// What the board tells of a frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Report {
+    /// Clock ticks by stage.
+    pub ticks: [u32; Stage::COUNT],
+    /// Counts by stage.
+    pub stages: [StageStats; Stage::COUNT],
+    /// Digests by stage.
+    pub digests: [u32; Stage::COUNT],
+    /// Most bytes of stack that were used so far.
+    pub stack_bytes: u32,
+}
+
+impl Report {
+    /// Instructions by stage.
+    #[must_use]
+    pub fn instructions(&self) -> [u64; Stage::COUNT] {
+        self.ticks.map(|t| u64::from(t) * INSTRUCTIONS_PER_TICK.0 / INSTRUCTIONS_PER_TICK.1)
+    }
+
+    /// Hands every word of it and of what was found to `put`.
+    pub fn encode(&self, detections: &[Detection], put: &mut impl FnMut(u32)) {
+        self.ticks.iter().for_each(|&t| put(t));
+        self.stages.iter().flat_map(|s| [s.seen, s.kept, s.dropped]).for_each(&mut *put);
+        self.digests.iter().for_each(|&d| put(d));
+        put(self.stack_bytes);
+        put(detections.len() as u32);
+        for d in detections {
+            let a = &d.appearance;
+            put(u32::from(d.object));
+            d.homography.0.iter().chain(d.corners.as_flattened()).for_each(|v| put(v.to_bits()));
+            [d.score, a.median, a.support, a.chroma].iter().for_each(|v| put(v.to_bits()));
+            [d.votes, d.agreeing, a.blocks, a.inside].iter().for_each(|&n| put(u32::from(n)));
+        }
+    }
+
+    /// Takes a report and what was found from `next`, word by word; `None` when they
+    /// end too early.
+    pub fn decode(next: &mut impl FnMut() -> Option<u32>) -> Option<(Self, Vec<Detection, DETECTIONS>)> {
+        let mut report = Self::default();
+        for t in &mut report.ticks {
+            *t = next()?;
+        }
+        for s in &mut report.stages {
+            *s = StageStats { seen: next()?, kept: next()?, dropped: next()? };
+        }
+        for d in &mut report.digests {
+            *d = next()?;
+        }
+        report.stack_bytes = next()?;
+        let mut detections = Vec::new();
+        for _ in 0..next()? {
+            let object = next()? as u16;
+            let mut float = || next().map(f32::from_bits);
+            let (mut homography, mut corners) = ([0.0; 9], [[0.0; 2]; 4]);
+            for v in homography.iter_mut().chain(corners.as_flattened_mut()) {
+                *v = float()?;
+            }
+            let (score, median, support, chroma) = (float()?, float()?, float()?, float()?);
+            let mut short = || next().map(|n| n as u16);
+            let (votes, agreeing, blocks, inside) = (short()?, short()?, short()?, short()?);
+            let appearance = Appearance { blocks, inside, median, support, chroma };
+            let homography = Homography(homography);
+            detections.push(Detection { object, homography, corners, score, votes, agreeing, appearance }).ok()?;
+        }
+        Some((report, detections))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use super::*;
+
+    #[test]
+    fn what_is_written_is_read() {
+        let mut report = Report { ticks: [64; Stage::COUNT], stack_bytes: 5000, ..Report::default() };
+        report.stages[3] = StageStats { seen: 7, kept: 5, dropped: 2 };
+        let appearance = Appearance { blocks: 30, inside: 36, median: 0.75, support: 21.5, chroma: -0.25 };
+        let homography = Homography([1.0, 0.5, 20.0, -0.5, 1.0, 30.0, 0.0, 0.001, 1.0]);
+        let corners = [[1.0, 2.0], [3.0, 4.0], [5.0, 6.0], [7.0, 8.0]];
+        let d = Detection { object: 3, homography, corners, score: 0.875, votes: 12, agreeing: 40, appearance };
+        let mut words = std::vec::Vec::new();
+        report.encode(&[d], &mut |w| words.push(w));
+        let mut left = words.iter().copied();
+        let (read, found) = Report::decode(&mut || left.next()).unwrap();
+        assert!(left.next().is_none(), "all words are read");
+        assert_eq!(read, report);
+        assert_eq!(std::format!("{found:?}"), std::format!("{:?}", [d]));
+        assert_eq!(read.instructions()[0], 40);
+        let mut short = words[..words.len() - 1].iter().copied();
+        assert!(Report::decode(&mut || short.next()).is_none(), "a word is missing");
+    }
+
+    #[test]
+    fn every_format_has_its_number() {
+        for format in FORMATS {
+            let header = FrameHeader { format, size: [320, 240] };
+            assert_eq!(FrameHeader::decode(header.encode()), Some(header));
+        }
+        assert_eq!(FrameHeader::decode([6, 320, 240]), None);
+    }
+}
