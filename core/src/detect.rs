@@ -104,7 +104,7 @@ pub enum Output<'a> {
     Grown(Option<&'a Detection>),
     /// The same, aligned to the frame.
     Aligned(Option<&'a Detection>),
-    /// All that has been found, after each candidate; at last in order of score.
+    /// All that has been found, best score first, after each candidate.
     Detections(&'a [Detection]),
 }
 
@@ -487,6 +487,8 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
         usize::from(start)..usize::from(self.ends[level])
     }
 
+    /// Runs the stages. None of them is inlined, so that the stack holds what one of
+    /// them needs, not what they need together.
     fn detect(
         &mut self,
         frame: &Frame<'_>,
@@ -553,8 +555,6 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
             }
             laps.end(&mut self.stats, Output::Detections(&self.detections));
         }
-        self.detections.sort_unstable_by(|a, b| b.score.total_cmp(&a.score));
-        laps.end(&mut self.stats, Output::Detections(&self.detections));
         #[cfg(feature = "defmt")]
         self.log(model);
         Ok(&self.detections)
@@ -572,6 +572,7 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
         }
     }
 
+    #[inline(never)]
     fn find_keypoints(&mut self, level: usize, finder: &mut impl Finder) {
         self.corners.clear();
         let luma = self.pyramid.view().luma(level);
@@ -588,6 +589,7 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
         self.ends[level] = u16::try_from(self.points.len()).unwrap_or(u16::MAX);
     }
 
+    #[inline(never)]
     fn find_triples(&mut self, level: usize, finder: &mut impl Finder) {
         self.triples.clear();
         let points = &self.points[self.range(level)];
@@ -607,6 +609,7 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
         add(stage(&mut self.stats, Stage::Keygraphs), stats);
     }
 
+    #[inline(never)]
     fn extract_features(&mut self, model: &Model<'_>) {
         let view = self.pyramid.view();
         for (k, f) in self.keygraphs.iter().zip(&mut self.features) {
@@ -618,6 +621,7 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
     }
 
     /// Matches the keygraphs from `first` on, as many as there is room for.
+    #[inline(never)]
     fn find_matches(&mut self, model: &Model<'_>, rules: &Parameters, first: usize) {
         self.matches.clear();
         for i in first..self.keygraphs.len().min(first + CHUNK) {
@@ -633,6 +637,7 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
     }
 
     /// Casts the votes of the matches whose surroundings look alike.
+    #[inline(never)]
     fn cast_votes(&mut self, model: &Model<'_>, rules: &Parameters) {
         let frame = self.pyramid.view();
         let gray = model.feature() == FeatureKind::Luma;
@@ -656,6 +661,7 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
     }
 
     /// Gathers the vertex pairs near a candidate.
+    #[inline(never)]
     fn find_pairs(&mut self, model: &Model<'_>, candidate: &Candidate) -> Normalised {
         let Self { keygraphs, points, votes, pairs, .. } = self;
         let corners = |i: u16| vertices(points, &keygraphs[usize::from(i)]);
@@ -668,6 +674,7 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
 
     /// Grows a candidate over its pairs; `None` when that leads nowhere, or to what
     /// has been found.
+    #[inline(never)]
     fn grow(&mut self, model: &Model<'_>, candidate: &Candidate, map: &Normalised, shape: f32) -> Option<Detection> {
         let homography = grow(candidate, map, &self.pairs, shape)?;
         stage(&mut self.stats, Stage::Pose).kept += 1;
@@ -680,6 +687,7 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
     }
 
     /// Aligns a grown pose with the frame.
+    #[inline(never)]
     fn align(&mut self, model: &Model<'_>, d: Detection) -> Detection {
         stage(&mut self.stats, Stage::Accept).seen += 1;
         let o = model.object(usize::from(d.object));
@@ -692,6 +700,7 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
     }
 
     /// Counts what speaks for a detection, and scores it.
+    #[inline(never)]
     fn weigh_evidence(&self, model: &Model<'_>, map: &Normalised, mut d: Detection) -> Detection {
         d.agreeing = count_agreeing(map, &self.pairs, &d.homography);
         let agrees = Agreement::new(&d);
@@ -706,13 +715,16 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
     }
 
     /// Keeps a detection if it is likely enough and the best at its place.
+    #[inline(never)]
     fn accept(&mut self, d: Detection, threshold: f32) {
         let beaten = self.detections.iter().any(|t| d.is_twin(t) && t.score >= d.score);
         if d.score < threshold || !is_plausible(&d.corners, MIN_AREA_PX, MAX_RATIO) || beaten {
             return;
         }
         self.detections.retain(|t| !d.is_twin(t));
-        let full = self.detections.push(d).is_err();
+        let worse = |t: &Detection| t.score.total_cmp(&d.score).is_lt();
+        let place = self.detections.iter().position(worse).unwrap_or(self.detections.len());
+        let full = self.detections.insert(place, d).is_err();
         let stats = stage(&mut self.stats, Stage::Accept);
         stats.dropped += u32::from(full);
         stats.kept = count(self.detections.len());

@@ -9,6 +9,8 @@
 //! Memory: 12 bytes a keygraph. Cost: three arc tangents a triple. Full: later
 //! triples are counted as dropped (triples come coarse levels first).
 
+use core::mem::swap;
+
 use heapless::VecView;
 
 use crate::capacity::StageStats;
@@ -94,9 +96,17 @@ impl Keygraph {
         let side2 = |i: usize| points[(i + 1) % 3].distance2(points[(i + 2) % 3]);
         // Side i lies opposite to vertex i, so vertices and sides sort alike.
         let sides = [side2(0), side2(1), side2(2)];
-        let mut order = [0usize, 1, 2];
-        order.sort_unstable_by_key(|&i| sides[i]);
-        let [s, m, l] = order;
+        let (mut s, mut m, mut l) = (0usize, 1, 2);
+        // A library sort of three costs 2 KB of code.
+        if sides[s] > sides[m] {
+            swap(&mut s, &mut m);
+        }
+        if sides[m] > sides[l] {
+            swap(&mut m, &mut l);
+        }
+        if sides[s] > sides[m] {
+            swap(&mut s, &mut m);
+        }
         let px = |d: i64| math::sqrt(d as f32) / 16.0;
         let shortest = px(sides[s]);
         if shortest < rule.min_side_px {

@@ -5,6 +5,8 @@
 //! and of [`BUFFERS`] buffers, then with one [`Report`] a frame. Memory: none on the board. Cost: a word
 //! each.
 
+use core::ffi::CStr;
+
 use keygraph_core::align::Appearance;
 use keygraph_core::capacity::{DETECTIONS, Stage, StageStats};
 use keygraph_core::detect::Detection;
@@ -13,9 +15,9 @@ use keygraph_core::geometry::Homography;
 use keygraph_core::heapless::Vec;
 
 /// File that the board reads.
-pub const FRAMES: &str = "frames.bin";
+pub const FRAMES: &CStr = c"frames.bin";
 /// File that the board writes.
-pub const RESULTS: &str = "results.bin";
+pub const RESULTS: &CStr = c"results.bin";
 /// How many buffers the board tells the sizes of.
 pub const BUFFERS: usize = 12;
 

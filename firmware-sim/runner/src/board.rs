@@ -97,8 +97,8 @@ impl Program {
 pub fn build(program: Program, machine: Machine, frames: Frames, log: &str) -> Result<PathBuf> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().context("the runner lies in firmware-sim")?;
     let targets = env::var_os("CARGO_TARGET_DIR").map_or_else(|| root.join("target"), PathBuf::from);
-    // One folder each, so that switching between them builds nothing anew.
-    let target = targets.join(format!("board-{}-{}-{log}", machine.modelled(), frames.name()));
+    // A folder for each level: another level is another build of everything.
+    let target = targets.join(format!("board-{log}"));
     let (kind, name, place) = program.selection();
     let status = Command::new(env::var_os("CARGO").unwrap_or_else(|| "cargo".into()))
         .args(["build", "--quiet", "--release", "--locked", "--target", TARGET, kind, name, "--manifest-path"])

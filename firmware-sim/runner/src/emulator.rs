@@ -53,7 +53,7 @@ impl Drop for Folder {
 pub fn run(elf: &Path, contents: &Contents, machine: Machine, model: Option<&[u8]>, frames: &[u8]) -> Result<Output> {
     let folder = Folder::new()?;
     let at = |name: &str| folder.0.join(name);
-    fs::write(at(FRAMES), frames).context("cannot write the frames for the board")?;
+    fs::write(at(FRAMES.to_str()?), frames).context("cannot write the frames for the board")?;
     let mut qemu = Command::new("qemu-system-arm");
     qemu.args(["-machine", machine.emulated(), "-display", "none", "-monitor", "none", "-icount", "shift=6"])
         .args(["-semihosting-config", "enable=on,target=native"])
@@ -82,7 +82,7 @@ pub fn run(elf: &Path, contents: &Contents, machine: Machine, model: Option<&[u8
     let status = child.wait()?;
     ensure!(status.success(), "the board stopped with {status}: its log above says where");
     let mut bytes = Vec::new();
-    File::open(at(RESULTS)).and_then(|mut f| f.read_to_end(&mut bytes)).context("the board left no results")?;
+    File::open(at(RESULTS.to_str()?)).and_then(|mut f| f.read_to_end(&mut bytes)).context("the board left no results")?;
     let words = bytes.chunks_exact(4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
     Ok(Output { words, serial: fs::read_to_string(at(SERIAL)).unwrap_or_default() })
 }
