@@ -158,6 +158,8 @@ pub struct Trainer<const LUMA: usize, const CHROMA: usize, const SIDE: usize, co
     scratch: [[i32; SIDE]; SCRATCH_ROWS],
     corners: Vec<Corner, CORNERS>,
     table: Table,
+    /// The views that are rendered: too many for a board's stack.
+    plans: Vec<Plan, MAX_VIEWS>,
 }
 
 /// The trainer that goes with the vga profile: pictures of up to 307,200 px.
@@ -189,6 +191,7 @@ impl<const LUMA: usize, const CHROMA: usize, const SIDE: usize, const CORNERS: u
             scratch: [[0; SIDE]; SCRATCH_ROWS],
             corners: Vec::new(),
             table: Table::new(),
+            plans: Vec::new(),
         }
     }
 
@@ -212,12 +215,14 @@ impl<const LUMA: usize, const CHROMA: usize, const SIDE: usize, const CORNERS: u
         self.picture.load(picture)?;
         self.picture.reduce();
         let rules = params.method.parameters();
-        let plans = self.plan(params)?;
+        self.plan(params)?;
+        let views = self.plans.len();
         let mut trained = Trained::default();
 
         self.table.clear();
-        for p in &plans {
-            self.prepare(p, rules);
+        for i in 0..views {
+            let p = self.plans[i];
+            self.prepare(&p, rules);
             let n = self.corners.len();
             // Bounded by the number of views that `plan` lets through.
             let _ = trained.view_keypoints.push(u16::try_from(n).unwrap_or(0));
@@ -232,7 +237,7 @@ impl<const LUMA: usize, const CHROMA: usize, const SIDE: usize, const CORNERS: u
         }
 
         let (tw, th) = template_size(picture.width(), picture.height());
-        let counts = |keygraphs| [1, plans.len(), keypoints, keygraphs, template_bytes(tw, th)];
+        let counts = |keygraphs| [1, views, keypoints, keygraphs, template_bytes(tw, th)];
         let sampling = params.method.sampling();
         let feature_bytes = sampling.bytes(params.feature);
         let no_room = |needed| TrainError::NoRoom { needed, given: out.len() };
@@ -246,15 +251,16 @@ impl<const LUMA: usize, const CHROMA: usize, const SIDE: usize, const CORNERS: u
         trained.bytes = out.len();
 
         let mut first = 0;
-        for (i, p) in plans.iter().enumerate() {
-            self.prepare(p, rules);
+        for i in 0..views {
+            let p = self.plans[i];
+            self.prepare(&p, rules);
             let Self { corners, table, view, .. } = self;
             for (k, c) in corners.iter().enumerate() {
                 let r = &mut out[layout.keypoints + KEYPOINT * (first + k)..][..KEYPOINT];
                 r[..2].copy_from_slice(&c.point.x.to_le_bytes());
                 r[2..].copy_from_slice(&c.point.y.to_le_bytes());
             }
-            write_view(out, &layout, i, p, self.picture.view(), original, first, corners.len());
+            write_view(out, &layout, i, &p, self.picture.view(), original, first, corners.len());
             first += corners.len();
             let view = view.view();
             each_keygraph(corners, rules, |k, cost| {
@@ -274,10 +280,12 @@ impl<const LUMA: usize, const CHROMA: usize, const SIDE: usize, const CORNERS: u
     }
 
     /// The views worth rendering: none larger than the picture, none twice.
-    fn plan(&self, params: &TrainParams<'_>) -> Result<Vec<Plan, MAX_VIEWS>, TrainError> {
-        let loaded = self.picture.view();
+    #[inline(never)]
+    fn plan(&mut self, params: &TrainParams<'_>) -> Result<(), TrainError> {
+        let Self { picture, plans, .. } = self;
+        let loaded = picture.view();
         let (w, h) = (loaded.width() as f32, loaded.height() as f32);
-        let mut plans: Vec<Plan, MAX_VIEWS> = Vec::new();
+        plans.clear();
         if params.views.is_empty() || params.views.len() > MAX_VIEWS {
             return Err(TrainError::Views);
         }
@@ -318,10 +326,11 @@ impl<const LUMA: usize, const CHROMA: usize, const SIDE: usize, const CORNERS: u
             }
         }
         let (width, height) = (loaded.width(), loaded.height());
-        if plans.is_empty() { Err(TrainError::TooNarrow { width, height }) } else { Ok(plans) }
+        if plans.is_empty() { Err(TrainError::TooNarrow { width, height }) } else { Ok(()) }
     }
 
     /// Renders a view and ranks its corners.
+    #[inline(never)]
     fn prepare(&mut self, plan: &Plan, rules: &Parameters) {
         let picture = self.picture.view();
         let Some((luma, a, b)) = self.view.level0_mut(plan.width, plan.height) else { return };
@@ -343,6 +352,7 @@ impl<const LUMA: usize, const CHROMA: usize, const SIDE: usize, const CORNERS: u
     }
 
     #[allow(clippy::too_many_arguments, reason = "one record, written once")]
+    #[inline(never)]
     fn write_object(
         &self,
         out: &mut [u8],
@@ -466,6 +476,7 @@ fn render_chroma(
 
 /// Calls `found` with every keygraph on the corners that is likely enough, and its
 /// cost. Vertices are indices of corners.
+#[inline(never)]
 fn each_keygraph(corners: &[Corner], rules: &Parameters, mut found: impl FnMut(&Keygraph, u32)) {
     let mut points = [Point::default(); MAX_VIEW_KEYPOINTS];
     let n = corners.len().min(points.len());
@@ -614,6 +625,7 @@ impl Table {
 }
 
 #[allow(clippy::too_many_arguments, reason = "one record, written once")]
+#[inline(never)]
 fn write_view(
     out: &mut [u8],
     layout: &Layout,

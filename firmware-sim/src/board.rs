@@ -8,7 +8,7 @@
 
 use core::mem::MaybeUninit;
 use core::ptr::{addr_of, addr_of_mut, read_volatile, write_volatile};
-use core::sync::atomic::{AtomicBool, Ordering};
+use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
 use cortex_m as _;
 use cortex_m_rt::{ExceptionFrame, exception};
@@ -39,11 +39,18 @@ pub fn start_clock() {
     }
 }
 
-/// Ticks since the start, 25 million a second; wraps after 171 s.
+/// Ticks since the start, 25 million a second; to be called once in 171 s or more often,
+/// after which the timer starts anew.
 #[must_use]
 pub fn ticks() -> u64 {
+    static LAST: AtomicU32 = AtomicU32::new(0);
+    static ROUNDS: AtomicU32 = AtomicU32::new(0);
     // SAFETY: reading the timer's value has no effect.
-    u64::from(u32::MAX - unsafe { read_volatile(TIMER.add(1)) })
+    let now = u32::MAX - unsafe { read_volatile(TIMER.add(1)) };
+    if now < LAST.swap(now, Ordering::Relaxed) {
+        ROUNDS.fetch_add(1, Ordering::Relaxed);
+    }
+    u64::from(ROUNDS.load(Ordering::Relaxed)) << 32 | u64::from(now)
 }
 
 unsafe extern "C" {

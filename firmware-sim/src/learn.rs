@@ -57,6 +57,7 @@ impl Learner {
     ///
     /// # Panics
     /// When the format has not two bytes a pixel, or `size` exceeds the frame.
+    #[inline(never)]
     pub fn learn(&mut self, header: &FrameHeader, buffer: &mut [u8], size: [usize; 2]) -> Result<&[u8], TrainError> {
         let bytes = crop(header, buffer, size);
         let frame = Frame::new(header.format, size[0], size[1], &buffer[..bytes])?;

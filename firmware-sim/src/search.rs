@@ -37,6 +37,7 @@ impl Observer for Watch {
 ///
 /// # Panics
 /// When a frame does not suit the detector.
+#[inline(never)]
 pub fn search_all(detector: &mut Detector, model: &Model<'_>, job: &Job, link: &mut Link, buffer: &mut [u8]) {
     link.put(size_of::<Detector>() as u32);
     Detector::BUFFERS.iter().for_each(|(_, bytes)| link.put(*bytes as u32));
@@ -45,6 +46,7 @@ pub fn search_all(detector: &mut Detector, model: &Model<'_>, job: &Job, link: &
     }
 }
 
+#[inline(never)]
 fn search(d: &mut Detector, model: &Model<'_>, job: &Job, link: &mut Link, header: &FrameHeader, data: &[u8]) {
     let [width, height] = header.size.map(|v| v as usize);
     let mut watch = Watch { digests: job.digests.then(Digests::new) };

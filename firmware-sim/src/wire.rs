@@ -22,8 +22,16 @@ pub const RESULTS: &CStr = c"results.bin";
 pub const BUFFERS: usize = 12;
 
 /// Instructions that a tick of the emulated board's clock stands for, as a fraction:
-/// one takes 64 ns, the clock counts at 25 MHz.
-const INSTRUCTIONS_PER_TICK: (u64, u64) = (40, 64);
+/// one takes 16 ns, the clock counts at 25 MHz.
+const INSTRUCTIONS_PER_TICK: (u64, u64) = (40, 16);
+/// The emulator's word for that: an instruction takes 2^4 ns.
+pub const ICOUNT: &str = "shift=4";
+
+/// The instructions that so many ticks stand for.
+#[must_use]
+pub const fn instructions(ticks: u32) -> u64 {
+    ticks as u64 * INSTRUCTIONS_PER_TICK.0 / INSTRUCTIONS_PER_TICK.1
+}
 
 /// What the board is to do with all frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -113,7 +121,7 @@ impl Report {
     /// Instructions by stage.
     #[must_use]
     pub fn instructions(&self) -> [u64; Stage::COUNT] {
-        self.ticks.map(|t| u64::from(t) * INSTRUCTIONS_PER_TICK.0 / INSTRUCTIONS_PER_TICK.1)
+        self.ticks.map(instructions)
     }
 
     /// Hands every word of it and of what was found to `put`.
@@ -185,7 +193,7 @@ mod tests {
         assert!(left.next().is_none(), "all words are read");
         assert_eq!(read, report);
         assert_eq!(std::format!("{found:?}"), std::format!("{:?}", [d]));
-        assert_eq!(read.instructions()[0], 40);
+        assert_eq!(read.instructions()[0], 160);
         let mut short = words[..words.len() - 1].iter().copied();
         assert!(Report::decode(&mut || short.next()).is_none(), "a word is missing");
     }

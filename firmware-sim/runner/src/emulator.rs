@@ -11,7 +11,7 @@ use std::process::{Command, Stdio};
 
 use anyhow::{Context, Result, bail, ensure};
 use defmt_decoder::{DecodeError, Table};
-use keygraph_firmware_sim::wire::{FRAMES, RESULTS};
+use keygraph_firmware_sim::wire::{FRAMES, ICOUNT, RESULTS};
 
 use crate::board::{Contents, Machine};
 
@@ -55,7 +55,7 @@ pub fn run(elf: &Path, contents: &Contents, machine: Machine, model: Option<&[u8
     let at = |name: &str| folder.0.join(name);
     fs::write(at(FRAMES.to_str()?), frames).context("cannot write the frames for the board")?;
     let mut qemu = Command::new("qemu-system-arm");
-    qemu.args(["-machine", machine.emulated(), "-display", "none", "-monitor", "none", "-icount", "shift=6"])
+    qemu.args(["-machine", machine.emulated(), "-display", "none", "-monitor", "none", "-icount", ICOUNT])
         .args(["-semihosting-config", "enable=on,target=native"])
         .args(["-serial", &format!("file:{SERIAL}"), "-kernel"])
         .arg(elf.canonicalize().with_context(|| format!("cannot find {}", elf.display()))?);

@@ -23,7 +23,7 @@ use keygraph_core::digest::Digests;
 use keygraph_core::frame::Frame;
 use keygraph_core::model::Model;
 use keygraph_firmware_sim::learn::largest;
-use keygraph_firmware_sim::wire::{BUFFERS, FrameHeader, Job, Report};
+use keygraph_firmware_sim::wire::{BUFFERS, FrameHeader, Job, Report, instructions};
 use serde_json::{Value, json};
 
 /// Finds the objects of a model on an emulated board.
@@ -108,7 +108,7 @@ fn board(cli: &Cli) -> Result<bool> {
     let elf = build(program, machine, cli.profile, log)?;
     let contents = Contents::read(&elf)?;
     if log == "warn" {
-        contents.check_code()?;
+        contents.check_code(program)?;
     }
 
     let (shots, stream, mut fine) = gather(cli, inputs)?;
@@ -160,7 +160,7 @@ fn board(cli: &Cli) -> Result<bool> {
     }
     let stack = reports.iter().map(|r| r.stack_bytes).max().unwrap_or(0);
     if cli.tables {
-        println!("{}", tables::memory(machine, cli.profile, &contents, detector, &buffers, stack));
+        println!("{}", tables::memory((program, machine, cli.profile), &contents, detector, &buffers, stack));
         println!("{}", tables::cost(&reports));
     }
     ensure!(stack <= STACK_LIMIT, "the stack took {stack} bytes; at most {STACK_LIMIT} are allowed");
@@ -239,7 +239,7 @@ fn read_learnt(words: &mut impl Iterator<Item = u32>, shot: &Shot) -> Option<(Va
     let line = json!({
         "source": shot.source, "frame": shot.frame,
         "learnt": {"keygraphs": keygraphs, "bytes": bytes, "stack_bytes": stack},
-        "instructions": {"total": u64::from(ticks) * 40 / 64},
+        "instructions": {"total": instructions(ticks)},
     });
     Some((line, model))
 }
@@ -273,13 +273,13 @@ fn line(shot: &Shot, model: &Model<'_>, found: &Found, report: &Report) -> Value
     let size = (shot.picture.width, shot.picture.height);
     let mut line = frame_line(&shot.source, shot.frame, size, model, found, None);
     let stages = report.instructions();
-    let mut instructions = json!({"total": stages.iter().sum::<u64>()});
+    let mut counts = json!({"total": stages.iter().sum::<u64>()});
     for (stage, n) in Stage::ALL.iter().zip(stages) {
-        instructions[stage.name()] = n.into();
+        counts[stage.name()] = n.into();
     }
     if let Some(line) = line.as_object_mut() {
         line.remove("time_ms");
-        line.insert("instructions".into(), instructions);
+        line.insert("instructions".into(), counts);
         line.insert("stack_bytes".into(), report.stack_bytes.into());
     }
     line

@@ -8,13 +8,12 @@ use keygraph_core::capacity::Stage;
 use keygraph_core::detect::QvgaDetector;
 use keygraph_firmware_sim::wire::Report;
 
-use crate::board::{CODE_LIMIT, Contents, Frames, Machine, STACK_LIMIT};
+use crate::board::{Contents, Frames, Machine, Program, STACK_LIMIT};
 
 /// Where the bytes are.
 #[must_use]
 pub fn memory(
-    machine: Machine,
-    frames: Frames,
+    (program, machine, frames): (Program, Machine, Frames),
     contents: &Contents,
     detector: u32,
     buffers: &[u32],
@@ -28,7 +27,7 @@ pub fn memory(
     for (name, bytes) in &contents.sections {
         row(name, *bytes);
     }
-    row(&format!("code and constants (limit {CODE_LIMIT})"), contents.code());
+    row(&format!("code and constants (limit {})", program.code_limit()), contents.code());
     row(&format!("stack, most used (limit {STACK_LIMIT}, room {})", contents.stack_room), u64::from(stack));
     row("detector, within .bss", u64::from(detector));
     // The names are the same for every profile.
