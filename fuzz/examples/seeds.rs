@@ -1,0 +1,114 @@
+//! Writes the first inputs of every fuzz target: real pixels, models and corners.
+//!
+//! In: a folder. Out: `FOLDER/TARGET/NAME`, a few files for each target. Cost: under a
+//! second. `scripts/fuzz` runs it.
+
+use std::path::Path;
+use std::{env, fs, io};
+
+use keygraph_core::frame::{Frame, PixelFormat};
+use keygraph_core::model::Model;
+use keygraph_core::write::{pack, packed_len};
+use keygraph_fuzz::{FORMATS, KINDS, PICTURE, detector, models, picture};
+
+fn main() -> io::Result<()> {
+    let folder = env::args().nth(1).unwrap_or_else(|| "seeds".into());
+    let write = |target: &str, name: String, bytes: &[u8]| {
+        let path = Path::new(&folder).join(target);
+        fs::create_dir_all(&path)?;
+        fs::write(path.join(name), bytes)
+    };
+    for (i, bytes) in models().iter().enumerate() {
+        write("model", format!("{i}.kgm"), bytes)?;
+    }
+    write("model", "two.kgm".into(), &packed(&models()[0]))?;
+    let (w, h) = PICTURE;
+    let sides = [w, h].map(|v| u8::try_from(v - 16).unwrap_or(0));
+    for (f, format) in (0u8..).zip(FORMATS) {
+        let pixels = convert(format, picture());
+        for k in (0u8..).zip(KINDS).map(|(k, _)| k) {
+            let head = [k, f, sides[0], sides[1]];
+            write("frame", format!("{format:?}-{k}"), &[&head[..], &pixels].concat())?;
+            // Three views of 24 keypoints, from the front and tilted; 200 keygraphs,
+            // 50 a subset, 40,000 bytes.
+            let views = [24, 96, 255, 0, 24, 80, 180, 30, 24, 64, 255, 0];
+            let numbers = [200, 0, 50, 64, 156, 95];
+            let head = [&[k | 3 << 6][..], &views, &numbers, &[f, sides[0], sides[1]]].concat();
+            write("picture", format!("{format:?}-{k}"), &[&head[..], &pixels].concat())?;
+        }
+    }
+    let points = corners();
+    write("points", "corners".into(), &[&[25, 60, 1][..], &points].concat())?;
+    write("points", "grid".into(), &grid())?;
+    for k in (0u8..).zip(KINDS).map(|(k, _)| k) {
+        write("finder", format!("corners-{k}"), &[&[k, 40, 1][..], &points].concat())?;
+    }
+    Ok(())
+}
+
+/// A model of the same object twice.
+fn packed(bytes: &[u8]) -> Vec<u8> {
+    let model = Model::parse(bytes).expect("it was trained");
+    let mut out = vec![0; packed_len(&[model, model]).expect("they are alike")];
+    pack(&[model, model], &mut out).expect("it has this length");
+    out
+}
+
+/// The picture's corners, 4 bytes each.
+fn corners() -> Vec<u8> {
+    let frame = Frame::new(PixelFormat::Rgb8, PICTURE.0, PICTURE.1, picture()).expect("it has this size");
+    let model = Model::parse(&models()[0]).expect("it was trained");
+    let mut detector = detector();
+    detector.detect(&frame, &model, 0.5, &mut || 0).expect("it fits the profile");
+    detector.corners().flat_map(|p| p.map(|v| ((v * 16.0) as u16).to_le_bytes())).flatten().collect()
+}
+
+/// Points on a grid of eight by eight: many on a line, many on a circle.
+fn grid() -> Vec<u8> {
+    let places = (0..64u8).flat_map(|i| [i % 8, 0, i / 8, 0]);
+    [25, 64, 3].into_iter().chain(places).collect()
+}
+
+/// RGB pixels in another format; chroma of each 2x2 block is its first pixel's.
+fn convert(format: PixelFormat, rgb: &[u8]) -> Vec<u8> {
+    let (w, h) = PICTURE;
+    let at = |x: usize, y: usize| [0, 1, 2].map(|c| i32::from(rgb[3 * (y * w + x) + c]));
+    // BT.601, limited range.
+    let byte = |v: i32| u8::try_from((v + 128) >> 8).unwrap_or(0);
+    let luma = |x, y| {
+        let [r, g, b] = at(x, y);
+        byte(66 * r + 129 * g + 25 * b + (16 << 8))
+    };
+    let u = |x, y| {
+        let [r, g, b] = at(x, y);
+        byte(-38 * r - 74 * g + 112 * b + (128 << 8))
+    };
+    let v = |x, y| {
+        let [r, g, b] = at(x, y);
+        byte(112 * r - 94 * g - 18 * b + (128 << 8))
+    };
+    let places = || (0..h).flat_map(move |y| (0..w).map(move |x| (x, y)));
+    let blocks = || places().filter(|(x, y)| x % 2 == 0 && y % 2 == 0);
+    match format {
+        PixelFormat::Rgb8 => rgb.to_vec(),
+        PixelFormat::Gray8 => places().map(|(x, y)| luma(x, y)).collect(),
+        PixelFormat::Rgb565 => places()
+            .flat_map(|(x, y)| {
+                let [r, g, b] = at(x, y);
+                let packed = (r >> 3) << 11 | (g >> 2) << 5 | b >> 3;
+                [packed.to_le_bytes()[0], packed.to_le_bytes()[1]]
+            })
+            .collect(),
+        PixelFormat::Yuyv => {
+            places().flat_map(|(x, y)| [luma(x, y), if x % 2 == 0 { u(x, y) } else { v(x - 1, y) }]).collect()
+        }
+        PixelFormat::Nv12 => {
+            places().map(|(x, y)| luma(x, y)).chain(blocks().flat_map(|(x, y)| [u(x, y), v(x, y)])).collect()
+        }
+        PixelFormat::I420 => places()
+            .map(|(x, y)| luma(x, y))
+            .chain(blocks().map(|(x, y)| u(x, y)))
+            .chain(blocks().map(|(x, y)| v(x, y)))
+            .collect(),
+    }
+}

@@ -1,0 +1,60 @@
+//! Any keypoints and triples from a foreign finder: searched without a panic.
+//!
+//! In: which model, how many keypoints a level, keypoints and triples. Out: nothing.
+//! Cost: one qqvga frame without corners and triangulation.
+#![no_main]
+
+use keygraph_core::capacity::StageStats;
+use keygraph_core::corners::Corner;
+use keygraph_core::delaunay::Triple;
+use keygraph_core::detect::Finder;
+use keygraph_core::frame::{Frame, PixelFormat};
+use keygraph_core::geometry::Point;
+use keygraph_core::heapless::VecView;
+use keygraph_core::model::Model;
+use keygraph_core::pyramid::Plane;
+use keygraph_fuzz::{Input, PICTURE, check, detector, models, picture};
+use libfuzzer_sys::fuzz_target;
+
+struct Foreign<'a> {
+    input: Input<'a>,
+    keypoints: usize,
+    narrow: bool,
+}
+
+impl Finder for Foreign<'_> {
+    fn keypoints(&mut self, _: Plane<'_, u8>, _: usize, out: &mut VecView<Corner>) -> StageStats {
+        let mask = if self.narrow { 0x07ff } else { !0 };
+        for _ in 0..self.keypoints {
+            let [x, y] = [0; 2].map(|_| (self.input.word() & mask).cast_signed());
+            if out.push(Corner { point: Point::new(x, y), strength: 1, radius2: 0 }).is_err() {
+                break;
+            }
+        }
+        StageStats::default()
+    }
+
+    fn triples(&mut self, points: &[Point], out: &mut VecView<Triple>) -> StageStats {
+        // Every triple of near indices, and some from the fuzzer.
+        let n = u16::try_from(points.len()).unwrap_or(0);
+        for i in 2..n {
+            let _ = out.push([i - 2, i - 1, i]);
+            let _ = out.push([i, i / 2, i / 3]);
+            let _ = out.push([0; 3].map(|_| u16::from(self.input.byte())));
+        }
+        StageStats::default()
+    }
+}
+
+fuzz_target!(|data: &[u8]| {
+    let mut input = Input(data);
+    let models = models();
+    let model = Model::parse(&models[usize::from(input.byte()) % models.len()]).expect("it was trained");
+    let keypoints = usize::from(input.byte());
+    let narrow = input.byte() % 4 > 0;
+    let frame = Frame::new(PixelFormat::Rgb8, PICTURE.0, PICTURE.1, picture()).expect("it has this size");
+    let mut detector = detector();
+    let mut finder = Foreign { input, keypoints, narrow };
+    detector.detect_with(&frame, &model, 0.0, &mut || 0, &mut finder).expect("it fits the profile");
+    check(&detector, &model);
+});

@@ -1,0 +1,50 @@
+//! Any bytes as a model: refused, or searched for without a panic.
+//!
+//! In: bytes, made a model's as far as its header goes. Out: nothing; an accepted
+//! model is searched for in a frame that shows the seeds' object and one of noise,
+//! and packed with itself. Cost: two qqvga frames.
+#![no_main]
+
+use std::sync::LazyLock;
+
+use keygraph_core::frame::{Frame, PixelFormat};
+use keygraph_core::model::Model;
+use keygraph_core::write::{pack, packed_len};
+use keygraph_fuzz::{PICTURE, check, detector, mend, picture};
+use libfuzzer_sys::fuzz_target;
+
+const NOISE: (usize, usize) = (160, 120);
+
+static NOISY: LazyLock<Vec<u8>> = LazyLock::new(|| {
+    let mut seed = 1u32;
+    let mut next = || {
+        seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (seed >> 24) as u8
+    };
+    (0..NOISE.0 * NOISE.1 * 2).map(|_| next()).collect()
+});
+
+fuzz_target!(|data: &[u8]| {
+    if let Err(e) = Model::parse(data) {
+        assert!(!e.to_string().is_empty());
+    }
+    let mut bytes = data.to_vec();
+    mend(&mut bytes);
+    let Ok(model) = Model::parse(&bytes) else { return };
+    let frames = [
+        Frame::new(PixelFormat::Rgb8, PICTURE.0, PICTURE.1, picture()),
+        Frame::new(PixelFormat::Yuyv, NOISE.0, NOISE.1, &NOISY),
+    ];
+    let mut detector = detector();
+    for frame in frames {
+        let frame = frame.expect("it has this size");
+        detector.detect(&frame, &model, 0.0, &mut || 0).expect("it fits the profile");
+        check(&detector, &model);
+    }
+    if let Ok(n) = packed_len(&[model, model]) {
+        let mut packed = vec![0; n];
+        assert_eq!(pack(&[model, model], &mut packed), Ok(n));
+        let both = Model::parse(&packed).expect("packing keeps models whole");
+        assert_eq!(both.objects(), 2 * model.objects());
+    }
+});

@@ -1,0 +1,77 @@
+//! Any points: their triangulation is a Delaunay triangulation.
+//!
+//! In: two level lengths, whether to keep to the range that corners have, points.
+//! Out: nothing. Checked for points in range: every triangle turns the right way, no
+//! point lies in its circle, and the triangles cover the hull. Cost: triangles times
+//! points.
+#![no_main]
+
+use keygraph_core::delaunay::{Triangulation, Triple, triangulate};
+use keygraph_core::geometry::{Point, in_circle, orient};
+use keygraph_core::heapless::Vec as Fixed;
+use keygraph_fuzz::Input;
+use libfuzzer_sys::fuzz_target;
+
+const MOST: usize = 120;
+
+fn triangles(points: &[Point], levels: &[usize]) -> Fixed<Triple, 1024> {
+    let mut mesh: Triangulation<MOST> = Triangulation::new();
+    let mut out = Fixed::new();
+    let stats = triangulate(points, levels, mesh.workspace(), &mut out);
+    assert_eq!(stats.kept as usize, out.len());
+    assert!(out.iter().flatten().all(|&v| usize::from(v) < points.len().min(MOST)), "{out:?}");
+    out
+}
+
+/// Twice the area of the convex hull (A. Andrew's monotone chain, 1979).
+fn hull_area2(points: &[Point]) -> i64 {
+    let mut sorted = points.to_vec();
+    sorted.sort_unstable();
+    sorted.dedup();
+    let mut area2 = 0;
+    let reversed: Vec<Point> = sorted.iter().rev().copied().collect();
+    for run in [&sorted, &reversed] {
+        let mut chain: Vec<Point> = Vec::new();
+        for &p in run {
+            while let [.., a, b] = chain[..] {
+                if orient(a, b, p) > 0 {
+                    break;
+                }
+                chain.pop();
+            }
+            chain.push(p);
+        }
+        let origin = Point::new(0, 0);
+        area2 += chain.windows(2).map(|e| orient(origin, e[0], e[1])).sum::<i64>();
+    }
+    area2
+}
+
+fuzz_target!(|data: &[u8]| {
+    let mut input = Input(data);
+    let levels = [usize::from(input.byte()), usize::from(input.byte())];
+    let mask = match input.byte() % 4 {
+        // Points that no corner has: there must be an end to it all the same.
+        0 => !0,
+        1 => 0x7fff,
+        2 => 0x00ff,
+        _ => 0x0007,
+    };
+    let n = (input.0.len() / 4).min(MOST + 8);
+    let points: Vec<Point> =
+        (0..n).map(|_| Point::new((input.word() & mask).cast_signed(), (input.word() & mask).cast_signed())).collect();
+    let _ = triangles(&points, &levels);
+    if mask == !0 {
+        return;
+    }
+    let all = triangles(&points, &[points.len()]);
+    let known = &points[..points.len().min(MOST)];
+    let mut covered2 = 0;
+    for t in &all {
+        let [a, b, c] = t.map(|v| known[usize::from(v)]);
+        assert!(orient(a, b, c) > 0, "{t:?} is turned over");
+        covered2 += orient(a, b, c);
+        assert!(known.iter().all(|&p| in_circle(a, b, c, p) <= 0), "{t:?} holds a point");
+    }
+    assert_eq!(covered2, hull_area2(known), "the triangles cover the hull once");
+});

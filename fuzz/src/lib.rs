@@ -1,0 +1,185 @@
+//! What the fuzz targets share.
+//!
+//! In: the fuzzer's bytes. Out: frames, models and pictures made of them, and the
+//! checks that hold for whatever a detector answers. Cost: a model is trained once
+//! a process; a qqvga frame with debug assertions takes some milliseconds.
+
+use std::sync::{LazyLock, Mutex, MutexGuard, PoisonError};
+
+use keygraph_core::camera::{Intrinsics, plane_pose};
+use keygraph_core::detect::{Detection, QqvgaDetector};
+use keygraph_core::feature::FeatureKind;
+use keygraph_core::frame::{Frame, PixelFormat};
+use keygraph_core::model::{MAGIC, Method, Model, VERSION, crc32};
+use keygraph_core::train::{QqvgaTrainer, TrainParams, ViewSpec};
+use zune_jpeg::JpegDecoder;
+use zune_jpeg::zune_core::bytestream::ZCursor;
+
+/// Every pixel format; a byte of the fuzzer picks one.
+pub const FORMATS: [PixelFormat; 6] = [
+    PixelFormat::Rgb8,
+    PixelFormat::Gray8,
+    PixelFormat::Yuyv,
+    PixelFormat::Nv12,
+    PixelFormat::I420,
+    PixelFormat::Rgb565,
+];
+
+/// Every kind of model that training makes; a byte of the fuzzer picks one.
+pub const KINDS: [(Method, FeatureKind); 4] = [
+    (Method::Keygraph, FeatureKind::Both),
+    (Method::Keygraph, FeatureKind::Luma),
+    (Method::Keygraph, FeatureKind::Chroma),
+    (Method::Paper, FeatureKind::Chroma),
+];
+
+/// Size of [`picture`], px.
+pub const PICTURE: (usize, usize) = (128, 64);
+
+static DETECTOR: Mutex<QqvgaDetector> = Mutex::new(QqvgaDetector::new());
+static TRAINER: Mutex<QqvgaTrainer> = Mutex::new(QqvgaTrainer::new());
+
+/// The detector of this process.
+pub fn detector() -> MutexGuard<'static, QqvgaDetector> {
+    DETECTOR.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// The trainer of this process.
+pub fn trainer() -> MutexGuard<'static, QqvgaTrainer> {
+    TRAINER.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Part of a real photograph, RGB: the object of all models.
+pub fn picture() -> &'static [u8] {
+    static RGB: LazyLock<Vec<u8>> = LazyLock::new(|| {
+        let file = include_bytes!("../../assets/pictures/astronaut.jpg");
+        let mut decoder = JpegDecoder::new(ZCursor::new(file));
+        let whole = decoder.decode().expect("the asset is a picture");
+        let (width, _) = decoder.dimensions().expect("it was decoded");
+        let row = |y: usize| &whole[3 * (y * width + 160)..][..3 * PICTURE.0];
+        (60..60 + PICTURE.1).flat_map(row).copied().collect()
+    });
+    &RGB
+}
+
+/// A model of [`picture`] of some ten thousand bytes, for each of [`KINDS`].
+pub fn models() -> &'static [Vec<u8>; KINDS.len()] {
+    static MODELS: LazyLock<[Vec<u8>; KINDS.len()]> = LazyLock::new(|| KINDS.map(|(m, f)| train(m, f)));
+    &MODELS
+}
+
+fn train(method: Method, feature: FeatureKind) -> Vec<u8> {
+    let (w, h) = PICTURE;
+    let frame = Frame::new(PixelFormat::Rgb8, w, h, picture()).expect("it has this size");
+    let view = |side_px, squeeze| ViewSpec { side_px, squeeze, direction_deg: 0.0, keypoints: 40 };
+    let views = [view(128.0, 1.0), view(96.0, 0.8)];
+    let params = TrainParams { name: "astronaut", method, feature, views: &views, max_keygraphs: 90, max_per_cell: 50 };
+    let mut model = vec![0; 1 << 16];
+    let trained = trainer().train(&frame, (128, 64), &params, &mut model).expect("the picture has texture");
+    model.truncate(trained.bytes);
+    model
+}
+
+/// Makes magic, version, lengths and checksum right, and the bytes of templates what
+/// the other sections leave, so that the fuzzer's changes reach the checks behind.
+pub fn mend(model: &mut [u8]) {
+    if model.len() < 40 {
+        return;
+    }
+    model[..4].copy_from_slice(&MAGIC);
+    model[4..6].copy_from_slice(&VERSION.to_le_bytes());
+    model[6..8].copy_from_slice(&40u16.to_le_bytes());
+    let length = model.len() as u32;
+    model[8..12].copy_from_slice(&length.to_le_bytes());
+    model[18..20].fill(0);
+    let count = |i: usize| u64::from(u32::from_le_bytes([0, 1, 2, 3].map(|k| model[20 + 4 * i + k])));
+    let feature = match model[17] {
+        1 => 24,
+        2 => 12,
+        _ => 36,
+    };
+    let before = 40 + 56 * count(0) + 44 * count(1) + 4 * count(2) + 3460 + (8 + feature) * count(3);
+    if let Some(templates) = (model.len() as u64).checked_sub(before) {
+        model[36..40].copy_from_slice(&(templates as u32).to_le_bytes());
+    }
+    let crc = crc32(&model[16..]);
+    model[12..16].copy_from_slice(&crc.to_le_bytes());
+}
+
+/// Takes numbers off the front of the fuzzer's bytes; zeros when there are no more.
+#[derive(Clone, Copy, Debug)]
+pub struct Input<'a>(pub &'a [u8]);
+
+impl Input<'_> {
+    /// The next byte.
+    pub fn byte(&mut self) -> u8 {
+        self.array::<1>()[0]
+    }
+
+    /// The next two bytes, little endian.
+    pub fn word(&mut self) -> u16 {
+        u16::from_le_bytes(self.array())
+    }
+
+    /// The next four bytes, little endian.
+    pub fn long(&mut self) -> u32 {
+        u32::from_le_bytes(self.array())
+    }
+
+    /// The next four bytes as a number of any kind: infinite, not a number, tiny.
+    pub fn float(&mut self) -> f32 {
+        f32::from_bits(self.long())
+    }
+
+    fn array<const N: usize>(&mut self) -> [u8; N] {
+        let (front, rest) = self.0.split_at(N.min(self.0.len()));
+        self.0 = rest;
+        let mut out = [0; N];
+        out[..front.len()].copy_from_slice(front);
+        out
+    }
+
+    /// `n` bytes: what is left, again and again.
+    pub fn fill(&self, n: usize) -> Vec<u8> {
+        if self.0.is_empty() { vec![0; n] } else { self.0.iter().copied().cycle().take(n).collect() }
+    }
+}
+
+/// A frame of the fuzzer's bytes: format, width and height first, then pixels. The
+/// sides are those that the format allows, up to the profile's.
+pub fn frame_bytes(input: &mut Input<'_>, max: (usize, usize)) -> (PixelFormat, usize, usize, Vec<u8>) {
+    let format = FORMATS[usize::from(input.byte()) % FORMATS.len()];
+    let (odd_width, odd_height) = match format {
+        PixelFormat::Yuyv => (0, 1),
+        PixelFormat::Nv12 | PixelFormat::I420 => (0, 0),
+        _ => (1, 1),
+    };
+    let mut side = |max: usize, odd: usize| {
+        let v = 16 + usize::from(input.byte()) % (max - 15);
+        v - (v % 2) * (1 - odd)
+    };
+    let (w, h) = (side(max.0, odd_width), side(max.1, odd_height));
+    (format, w, h, input.fill(format.bytes(w, h)))
+}
+
+/// What holds for the last frame of `detector`, whatever it was and the model.
+pub fn check(detector: &QqvgaDetector, model: &Model<'_>) {
+    let camera = Intrinsics::new(200.0, 200.0, 80.0, 60.0).expect("these are intrinsics");
+    for d in detector.detections() {
+        check_detection(d, model);
+        let size = model.object(usize::from(d.object));
+        let _ = plane_pose(&d.homography, &camera, [size.width as f32, size.height as f32], 100.0);
+        for triangle in detector.supporters(model, d) {
+            assert!(triangle.iter().flatten().all(|v| v.is_finite()), "a supporter at {triangle:?}");
+        }
+    }
+    assert!(detector.corners().flatten().all(f32::is_finite));
+    assert!(detector.keygraphs().flatten().flatten().all(f32::is_finite));
+}
+
+fn check_detection(d: &Detection, model: &Model<'_>) {
+    assert!(usize::from(d.object) < model.objects(), "object {}", d.object);
+    assert!((0.0..=1.0).contains(&d.score), "score {}", d.score);
+    assert!(d.homography.0.iter().all(|v| v.is_finite()), "{:?}", d.homography);
+    assert!(d.corners.iter().flatten().all(|v| v.is_finite()), "corners {:?}", d.corners);
+}
