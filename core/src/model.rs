@@ -19,6 +19,8 @@ pub const MAGIC: [u8; 4] = *b"KGM\x1a";
 pub const VERSION: u16 = 3;
 /// Longest name of an object, bytes of UTF-8.
 pub const NAME_BYTES: usize = 32;
+/// Longest side of a training picture, px.
+pub const MAX_PICTURE_SIDE: u32 = 1 << 20;
 
 pub(crate) const HEADER: usize = 40;
 /// Where the checksummed part starts.
@@ -353,7 +355,7 @@ impl<'a> Model<'a> {
             let (r, t) = (self.object_record(i), self.template_place(i));
             let name = &r[..NAME_BYTES];
             let sides_fit = [t.1, t.2].iter().all(|s| (8..=TEMPLATE_SIDE).contains(s));
-            let picture_fits = [32, 36].iter().all(|&o| (1..=1 << 20).contains(&u32_at(r, o)));
+            let picture_fits = [32, 36].iter().all(|&o| (1..=MAX_PICTURE_SIDE).contains(&u32_at(r, o)));
             if !sides_fit || !picture_fits || core::str::from_utf8(trim(name)).is_err() {
                 return Some("objects");
             }

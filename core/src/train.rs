@@ -31,7 +31,9 @@ use crate::geometry::{Homography, Point, in_circle, orient};
 use crate::keygraph::{CELLS, Keygraph};
 use crate::math;
 use crate::method::{Parameters, Ranking};
-use crate::model::{KEY, KEYPOINT, Layout, Method, NAME_BYTES, OBJECT, VERTICES, VIEW, template_bytes};
+use crate::model::{
+    KEY, KEYPOINT, Layout, MAX_PICTURE_SIDE, Method, NAME_BYTES, OBJECT, VERTICES, VIEW, template_bytes,
+};
 use crate::pyramid::{Pyramid, PyramidView, chroma_mean, luma_mean, plane_bytes, reduce_all};
 use crate::write::{key_record, put_u16, put_u32, sort_cell, write_header};
 
@@ -104,8 +106,16 @@ pub enum TrainError {
         /// Height as trained on, px.
         height: usize,
     },
-    /// More views than [`MAX_VIEWS`], or none.
+    /// More views than [`MAX_VIEWS`], none, or one whose side is not above 0, whose
+    /// squeeze is not from 0.01 to 1, or whose direction is not finite.
     Views,
+    /// A side of the original is not from 1 to 1,048,576 px: pass its true size.
+    Original {
+        /// Width given, px.
+        width: u32,
+        /// Height given, px.
+        height: u32,
+    },
 }
 
 impl core::fmt::Display for TrainError {
@@ -123,7 +133,16 @@ impl core::fmt::Display for TrainError {
                 f,
                 "{width}x{height} px (as trained on) is too small or too narrow: each side needs {MIN_VIEW_SIDE} px and better 100; use a larger picture or a less elongated part of the object"
             ),
-            Self::Views => write!(f, "a model is made from 1 to {MAX_VIEWS} views"),
+            Self::Views => write!(
+                f,
+                "a model is made from 1 to {MAX_VIEWS} views, each with a side above 0 px, a squeeze from 0.01 to 1 and a finite direction"
+            ),
+            Self::Original { width, height } => {
+                write!(
+                    f,
+                    "the original is said to have {width}x{height} px: each side must have 1 to {MAX_PICTURE_SIDE}"
+                )
+            }
         }
     }
 }
@@ -212,6 +231,9 @@ impl<const LUMA: usize, const CHROMA: usize, const SIDE: usize, const CORNERS: u
             let max_pixels = LUMA / 85 * 64;
             return Err(FrameError::TooLarge { pixels: w * h, max_pixels, side: w.max(h), max_side: SIDE }.into());
         }
+        if ![original.0, original.1].iter().all(|side| (1..=MAX_PICTURE_SIDE).contains(side)) {
+            return Err(TrainError::Original { width: original.0, height: original.1 });
+        }
         self.picture.load(picture)?;
         self.picture.reduce();
         let rules = params.method.parameters();
@@ -286,7 +308,8 @@ impl<const LUMA: usize, const CHROMA: usize, const SIDE: usize, const CORNERS: u
         let loaded = picture.view();
         let (w, h) = (loaded.width() as f32, loaded.height() as f32);
         plans.clear();
-        if params.views.is_empty() || params.views.len() > MAX_VIEWS {
+        let valid = |v: &ViewSpec| v.side_px > 0.0 && (0.01..=1.0).contains(&v.squeeze) && v.direction_deg.is_finite();
+        if params.views.is_empty() || params.views.len() > MAX_VIEWS || !params.views.iter().all(valid) {
             return Err(TrainError::Views);
         }
         for (i, v) in params.views.iter().enumerate() {

@@ -25,7 +25,9 @@ fn main() -> io::Result<()> {
     let (w, h) = PICTURE;
     let sides = [w, h].map(|v| u8::try_from(v - 16).unwrap_or(0));
     for (f, format) in (0u8..).zip(FORMATS) {
-        let pixels = convert(format, picture());
+        let pixels = convert(format, picture(), w);
+        let part: Vec<u8> = picture().chunks(3 * w).flat_map(|row| &row[..3 * 64]).copied().collect();
+        let part = convert(format, &part, 64);
         for k in (0u8..).zip(KINDS).map(|(k, _)| k) {
             let head = [k, f, sides[0], sides[1]];
             write("frame", format!("{format:?}-{k}"), &[&head[..], &pixels].concat())?;
@@ -33,8 +35,8 @@ fn main() -> io::Result<()> {
             // 50 a subset, 40,000 bytes.
             let views = [24, 96, 255, 0, 24, 80, 180, 30, 24, 64, 255, 0];
             let numbers = [200, 0, 50, 64, 156, 95];
-            let head = [&[k | 3 << 6][..], &views, &numbers, &[f, sides[0], sides[1]]].concat();
-            write("picture", format!("{format:?}-{k}"), &[&head[..], &pixels].concat())?;
+            let head = [&[k | 3 << 6][..], &views, &numbers, &[f, 48, 48]].concat();
+            write("picture", format!("{format:?}-{k}"), &[&head[..], &part].concat())?;
         }
     }
     let points = corners();
@@ -69,9 +71,10 @@ fn grid() -> Vec<u8> {
     [25, 64, 3].into_iter().chain(places).collect()
 }
 
-/// RGB pixels in another format; chroma of each 2x2 block is its first pixel's.
-fn convert(format: PixelFormat, rgb: &[u8]) -> Vec<u8> {
-    let (w, h) = PICTURE;
+/// RGB pixels, `w` a row, in another format; chroma of each 2x2 block is its first
+/// pixel's.
+fn convert(format: PixelFormat, rgb: &[u8], w: usize) -> Vec<u8> {
+    let h = rgb.len() / 3 / w;
     let at = |x: usize, y: usize| [0, 1, 2].map(|c| i32::from(rgb[3 * (y * w + x) + c]));
     // BT.601, limited range.
     let byte = |v: i32| u8::try_from((v + 128) >> 8).unwrap_or(0);

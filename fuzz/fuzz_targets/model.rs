@@ -1,8 +1,8 @@
 //! Any bytes as a model: refused, or searched for without a panic.
 //!
 //! In: bytes, made a model's as far as its header goes. Out: nothing; an accepted
-//! model is searched for in a frame that shows the seeds' object and one of noise,
-//! and packed with itself. Cost: two qqvga frames.
+//! model is searched for in a frame that shows the seeds' object, or in one of noise as
+//! its checksum says, and packed with itself. Cost: a qqvga frame.
 #![no_main]
 
 use std::sync::LazyLock;
@@ -13,7 +13,7 @@ use keygraph_core::write::{pack, packed_len};
 use keygraph_fuzz::{PICTURE, check, detector, mend, picture};
 use libfuzzer_sys::fuzz_target;
 
-const NOISE: (usize, usize) = (160, 120);
+const NOISE: (usize, usize) = (96, 64);
 
 static NOISY: LazyLock<Vec<u8>> = LazyLock::new(|| {
     let mut seed = 1u32;
@@ -31,16 +31,15 @@ fuzz_target!(|data: &[u8]| {
     let mut bytes = data.to_vec();
     mend(&mut bytes);
     let Ok(model) = Model::parse(&bytes) else { return };
-    let frames = [
-        Frame::new(PixelFormat::Rgb8, PICTURE.0, PICTURE.1, picture()),
-        Frame::new(PixelFormat::Yuyv, NOISE.0, NOISE.1, &NOISY),
-    ];
+    // One of four looks into noise, so that most runs have matches to work on.
+    let frame = match bytes[12] % 4 {
+        0 => Frame::new(PixelFormat::Yuyv, NOISE.0, NOISE.1, &NOISY),
+        _ => Frame::new(PixelFormat::Rgb8, PICTURE.0, PICTURE.1, picture()),
+    };
+    let frame = frame.expect("it has this size");
     let mut detector = detector();
-    for frame in frames {
-        let frame = frame.expect("it has this size");
-        detector.detect(&frame, &model, 0.0, &mut || 0).expect("it fits the profile");
-        check(&detector, &model);
-    }
+    detector.detect(&frame, &model, 0.0, &mut || 0).expect("it fits the profile");
+    check(&detector, &model);
     if let Ok(n) = packed_len(&[model, model]) {
         let mut packed = vec![0; n];
         assert_eq!(pack(&[model, model], &mut packed), Ok(n));

@@ -2,7 +2,7 @@
 //! for without a panic.
 //!
 //! In: what to train, up to three views, the original's size, room, then a picture.
-//! Out: nothing. Cost: training on at most 128 px, and one qqvga frame.
+//! Out: nothing. Cost: training on at most 64 x 64 px, and one qqvga frame.
 #![no_main]
 
 use keygraph_core::frame::Frame;
@@ -30,7 +30,7 @@ fuzz_target!(|data: &[u8]| {
     let (max_keygraphs, max_per_cell, room) =
         (usize::from(input.word()), usize::from(input.byte()), usize::from(input.word()));
     let original = if large { (input.long(), input.long()) } else { (1 + u32::from(input.byte()), 300) };
-    let (format, w, h, pixels) = frame_bytes(&mut input, (128, 96));
+    let (format, w, h, pixels) = frame_bytes(&mut input, (64, 64));
     let frame = Frame::new(format, w, h, &pixels).expect("it has this size");
     let params = TrainParams { name: "any\u{1f4d6}", method, feature, views: &views, max_keygraphs, max_per_cell };
     let mut out = vec![0; room];
