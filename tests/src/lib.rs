@@ -1,6 +1,8 @@
 //! What the tests share: paths, pictures, small models and the places of a
 //! model's sections, worked out from `docs/model-format.md` and not from core.
 
+pub mod boards;
+
 use std::path::{Path, PathBuf};
 
 use keygraph_core::capacity::{chroma_bytes, luma_bytes};

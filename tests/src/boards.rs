@@ -1,0 +1,314 @@
+//! Which boards the detector fits on: the contents of `docs/fits-on.md`.
+//!
+//! In: the sizes of the core's types, what the emulated board measured, and what makers
+//! say of their boards. Out: the page, as text; `tests/tests/fits_on.rs` compares it
+//! with the file, and writes it when told to. Cost: none worth telling.
+
+use std::fmt::Write;
+use std::mem::size_of;
+
+use keygraph::learn::Preset;
+use keygraph_core::detect::{HdDetector, QqvgaDetector, QvgaDetector, VgaDetector};
+
+/// What `scripts/board` has measured on the emulated Cortex-M7, and the budgets that
+/// stand in until it has.
+#[derive(Clone, Copy, Debug)]
+pub struct Measured {
+    /// Most of the stack that was ever used, bytes.
+    pub stack: Option<usize>,
+    /// Code and constants without the model, bytes.
+    pub code: Option<usize>,
+    /// Millions of instructions that a searched frame takes (median), by profile:
+    /// qqvga, qvga, vga, hd.
+    pub instructions: [Option<f64>; 4],
+}
+
+/// The figures of this version.
+pub const MEASURED: Measured = Measured { stack: None, code: None, instructions: [None; 4] };
+
+const STACK_BUDGET: usize = 8 << 10;
+const CODE_BUDGET: usize = 96 << 10;
+
+/// A detector and its frames.
+#[derive(Clone, Copy, Debug)]
+pub struct Profile {
+    /// Its name on the command line.
+    pub name: &'static str,
+    /// Width and height of its frames, px.
+    pub frame: (usize, usize),
+    /// Bytes of the detector.
+    pub detector: usize,
+}
+
+impl Profile {
+    /// Bytes of RAM: the detector, one raw frame of two bytes a pixel, the stack.
+    #[must_use]
+    pub fn ram(&self) -> usize {
+        self.detector + 2 * self.frame.0 * self.frame.1 + MEASURED.stack.unwrap_or(STACK_BUDGET)
+    }
+}
+
+/// The profiles, smallest first.
+pub const PROFILES: [Profile; 4] = [
+    Profile { name: "qqvga", frame: (160, 120), detector: size_of::<QqvgaDetector>() },
+    Profile { name: "qvga", frame: (320, 240), detector: size_of::<QvgaDetector>() },
+    Profile { name: "vga", frame: (640, 480), detector: size_of::<VgaDetector>() },
+    Profile { name: "hd", frame: (1280, 720), detector: size_of::<HdDetector>() },
+];
+
+/// A board as its maker describes it.
+#[derive(Clone, Copy, Debug)]
+struct Board {
+    name: &'static str,
+    core: &'static str,
+    mhz: usize,
+    /// The largest piece of RAM on the chip, and RAM beside it, KB.
+    ram_kb: (usize, usize),
+    /// Flash that models can be read from in place, KB: on the chip or beside it, the
+    /// larger.
+    flash_kb: usize,
+    /// The maker's pages.
+    source: &'static str,
+}
+
+const OPENMV: &str = "https://docs.openmv.io/openmvcam/quickref";
+const STM32H743: &str = "https://www.st.com/resource/en/datasheet/stm32h743bi.pdf";
+const STM32F405: &str = "https://www.st.com/resource/en/datasheet/stm32f405rg.pdf";
+const RT1060: &str = "https://www.nxp.com/docs/en/data-sheet/IMXRT1060CEC.pdf";
+const PICO: &str = "https://www.raspberrypi.com/documentation/microcontrollers/pico-series.html";
+const RASPBERRY: &str = "https://www.raspberrypi.com/documentation/computers/processors.html";
+
+/// Microcontrollers. Where RAM on the chip comes in pieces, the largest counts.
+const BOARDS: [Board; 8] = [
+    Board {
+        name: "STM32F405",
+        core: "Cortex-M4",
+        mhz: 168,
+        ram_kb: (128 + 64, 0),
+        flash_kb: 1024,
+        source: "[chip](STM32F405)",
+    },
+    Board {
+        name: "Raspberry Pi Pico 2 (RP2350)",
+        core: "Cortex-M33",
+        mhz: 150,
+        ram_kb: (520, 0),
+        flash_kb: 4 << 10,
+        source: "[board](PICO)",
+    },
+    Board {
+        name: "OpenMV Cam H7",
+        core: "Cortex-M7",
+        mhz: 480,
+        ram_kb: (512, 0),
+        flash_kb: 2 << 10,
+        source: "[board](OPENMV/openmv-cam-h7.html), [chip](STM32H743)",
+    },
+    Board {
+        name: "Arduino Nicla Vision",
+        core: "Cortex-M7",
+        mhz: 400,
+        ram_kb: (512, 0),
+        flash_kb: 16 << 10,
+        source: "[board](OPENMV/arduino-nicla-vision.html), [chip](STM32H743)",
+    },
+    Board {
+        name: "Arduino Portenta H7, Vision Shield",
+        core: "Cortex-M7",
+        mhz: 400,
+        ram_kb: (512, 8 << 10),
+        flash_kb: 16 << 10,
+        source: "[board](OPENMV/arduino-portenta-h7.html), [chip](STM32H743)",
+    },
+    Board {
+        name: "OpenMV Cam H7 Plus",
+        core: "Cortex-M7",
+        mhz: 480,
+        ram_kb: (512, 32 << 10),
+        flash_kb: 32 << 10,
+        source: "[board](OPENMV/openmv-cam-h7-plus.html), [chip](STM32H743)",
+    },
+    Board {
+        name: "OpenMV Cam RT1062",
+        core: "Cortex-M7",
+        mhz: 600,
+        ram_kb: (512, 32 << 10),
+        flash_kb: 16 << 10,
+        source: "[board](OPENMV/openmv-rt1062.html), [chip](RT1060)",
+    },
+    Board {
+        name: "OpenMV N6 (STM32N657)",
+        core: "Cortex-M55",
+        mhz: 800,
+        ram_kb: (4200, 64 << 10),
+        flash_kb: 32 << 10,
+        source: "[board](OPENMV/openmv-n6.html)",
+    },
+];
+
+/// Linux boards: RAM is never short, so the profile is a choice.
+const LINUX: [Board; 2] = [
+    Board {
+        name: "Raspberry Pi Zero 2 W",
+        core: "Cortex-A53",
+        mhz: 1000,
+        ram_kb: (0, 512 << 10),
+        flash_kb: 0,
+        source: "[chip](RASPBERRY)",
+    },
+    Board {
+        name: "Raspberry Pi 4",
+        core: "Cortex-A72",
+        mhz: 1500,
+        ram_kb: (0, 1 << 20),
+        flash_kb: 0,
+        source: "[chip](RASPBERRY)",
+    },
+];
+
+/// The largest profile that `kb` KB of RAM hold.
+fn largest(kb: usize) -> Option<usize> {
+    PROFILES.iter().rposition(|p| p.ram() <= kb << 10)
+}
+
+/// The largest preset that `kb` KB of flash hold beside the code.
+fn preset(kb: usize) -> &'static str {
+    let presets = [(Preset::Large, "large"), (Preset::Standard, "standard"), (Preset::Compact, "compact")];
+    let code = MEASURED.code.unwrap_or(CODE_BUDGET);
+    presets.iter().find(|(p, _)| p.bytes() + code <= kb << 10).map_or("`train --bytes`", |(_, name)| name)
+}
+
+/// Names of pages to their addresses.
+fn linked(source: &str) -> String {
+    let pages = [
+        ("OPENMV", OPENMV),
+        ("STM32H743", STM32H743),
+        ("STM32F405", STM32F405),
+        ("RT1060", RT1060), ("PICO", PICO),
+        ("RASPBERRY", RASPBERRY),
+    ];
+    pages.iter().fold(source.into(), |s: String, (name, url)| s.replace(&format!("({name}"), &format!("({url}")))
+}
+
+fn kb(bytes: usize) -> String {
+    format!("{} KB", bytes.div_ceil(1024))
+}
+
+fn size(kb: usize) -> String {
+    match kb {
+        0 => "—".into(),
+        kb if kb % 1024 == 0 => format!("{} MB", kb >> 10),
+        kb => format!("{kb} KB"),
+    }
+}
+
+/// Frames a second at one instruction a cycle.
+fn rate(profile: usize, mhz: usize) -> String {
+    MEASURED.instructions[profile].map_or("not measured yet".into(), |millions| {
+        #[allow(clippy::cast_precision_loss, reason = "MHz are small")]
+        let rate = mhz as f64 / millions;
+        format!("{rate:.0} (computed)")
+    })
+}
+
+/// The whole of `docs/fits-on.md`.
+#[must_use]
+pub fn page() -> String {
+    let told = |value: Option<usize>, budget: usize| match value {
+        Some(v) => format!("{} (measured)", kb(v)),
+        None => format!("{} (budget)", kb(budget)),
+    };
+    let mut page = String::from(HEAD);
+    let _ = writeln!(page, "| profile | frame | detector | raw frame | stack | RAM in all | instructions a frame |");
+    let _ = writeln!(page, "| --- | --- | --- | --- | --- | --- | --- |");
+    for (i, p) in PROFILES.iter().enumerate() {
+        let (w, h) = p.frame;
+        let count = MEASURED.instructions[i].map_or("not measured yet".into(), |m| format!("{m:.1} M (measured)"));
+        let stack = told(MEASURED.stack, STACK_BUDGET);
+        let (detector, frame, ram) = (kb(p.detector), kb(2 * w * h), kb(p.ram()));
+        let _ = writeln!(
+            page,
+            "| {} | {w}x{h} | {detector} (measured) | {frame} (computed) | {stack} | {ram} (computed) | {count} |",
+            p.name
+        );
+    }
+    let _ = writeln!(page, "\nCode and constants without the model: {}.", told(MEASURED.code, CODE_BUDGET));
+    page.push_str(BOARDS_HEAD);
+    for b in &BOARDS {
+        let inside = largest(b.ram_kb.0);
+        let beside = largest(b.ram_kb.1).filter(|&p| inside.is_none_or(|i| p > i));
+        let name = |p: Option<usize>| p.map_or("—".into(), |p| format!("{} (computed)", PROFILES[p].name));
+        let speed = inside.map_or("—".into(), |p| rate(p, b.mhz));
+        let _ = writeln!(
+            page,
+            "| {} | {} {} MHz | {} | {} | {} | {} | {} | {} | {speed} | {} |",
+            b.name,
+            b.core,
+            b.mhz,
+            size(b.ram_kb.0),
+            size(b.ram_kb.1),
+            size(b.flash_kb),
+            name(inside),
+            name(beside),
+            preset(b.flash_kb),
+            linked(b.source)
+        );
+    }
+    page.push_str(LINUX_HEAD);
+    for b in &LINUX {
+        let _ = writeln!(
+            page,
+            "| {} | {} {} MHz | {} | any | any | {} | {} |",
+            b.name,
+            b.core,
+            b.mhz,
+            size(b.ram_kb.1),
+            rate(2, b.mhz),
+            linked(b.source)
+        );
+    }
+    page
+}
+
+const HEAD: &str = "\
+# Boards it fits on
+
+Nobody has run it on these boards yet. *Measured* is what the compiler or the emulated
+board counted, *computed* what follows from that, *budget* what a test holds it under;
+the boards' own figures are their makers', on the pages named in the last column.
+
+This page is written by a test from the sizes of the types, so that it is true of this
+version: `KEYGRAPH_WRITE=1 cargo test -p keygraph-tests --test fits_on`.
+
+## What it takes
+
+";
+
+const BOARDS_HEAD: &str = "
+## Microcontrollers
+
+A profile fits where detector, one raw frame and the stack lie in the RAM on the chip:
+the largest piece of it, where it comes in pieces (on the STM32F405 in two: the detector
+in the one, frame and stack in the other). RAM beside the chip holds larger
+profiles, several times slower. A second frame buffer, and the application, must go
+into what is left. The preset is the largest that the flash holds beside the code (of
+flash on and beside the chip the larger, read in place); one model may hold many objects.
+
+Frames a second are those of searching with the largest profile that the chip's own RAM
+holds, at one instruction a cycle. A Cortex-M7 and an M55 can do better than that on such
+code and flash that is slow to read can make it worse; an M4 and an M33 will do somewhat
+less.
+
+| board | processor | RAM on the chip | beside it | flash | profile | with the RAM beside | preset | frames a second | source |
+| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |
+";
+
+const LINUX_HEAD: &str = "
+## Linux boards
+
+`scripts/build-arm` makes one static file for any of them. Memory is no matter; frames a
+second are those of vga on one core, at one instruction a cycle.
+
+| board | processor | RAM | profile | preset | frames a second | source |
+| --- | --- | --- | --- | --- | --- | --- |
+";

@@ -1,0 +1,35 @@
+//! `docs/fits-on.md` is what the sizes of this version say.
+#![allow(clippy::unwrap_used)]
+
+use keygraph_tests::boards::{PROFILES, page};
+use keygraph_tests::file;
+
+#[test]
+fn the_page_is_current() {
+    let path = file("docs/fits-on.md");
+    if std::env::var_os("KEYGRAPH_WRITE").is_some() {
+        std::fs::write(&path, page()).unwrap();
+    }
+    let written = std::fs::read_to_string(&path).unwrap_or_default();
+    for (n, (is, should)) in written.lines().zip(page().lines()).enumerate() {
+        assert_eq!(
+            is,
+            should,
+            "line {} is old; write the page anew: KEYGRAPH_WRITE=1 cargo test --test fits_on",
+            n + 1
+        );
+    }
+    assert_eq!(written.lines().count(), page().lines().count(), "docs/fits-on.md is cut off or too long");
+}
+
+/// What the profiles stand for, and the page says.
+#[test]
+fn the_small_profiles_fit_their_boards() {
+    assert!(PROFILES[0].ram() <= 192 << 10, "qqvga needs {} bytes: too many for an STM32F405", PROFILES[0].ram());
+    assert!(PROFILES[1].ram() <= 512 << 10, "qvga needs {} bytes: too many for an STM32H743", PROFILES[1].ram());
+    let page = page();
+    let row = |board: &str| page.lines().find(|l| l.starts_with(&format!("| {board}"))).unwrap().to_string();
+    assert!(row("STM32F405").contains("| qqvga (computed) | — | compact |"), "{}", row("STM32F405"));
+    assert!(row("OpenMV Cam H7 |").contains("| qvga (computed) | — | standard |"), "{}", row("OpenMV Cam H7 |"));
+    assert!(!page.contains("(OPENMV") && !page.contains("(STM32") && !page.contains("(PICO"), "a page has no address");
+}
