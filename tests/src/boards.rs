@@ -184,7 +184,8 @@ fn linked(source: &str) -> String {
         ("OPENMV", OPENMV),
         ("STM32H743", STM32H743),
         ("STM32F405", STM32F405),
-        ("RT1060", RT1060), ("PICO", PICO),
+        ("RT1060", RT1060),
+        ("PICO", PICO),
         ("RASPBERRY", RASPBERRY),
     ];
     pages.iter().fold(source.into(), |s: String, (name, url)| s.replace(&format!("({name}"), &format!("({url}")))
