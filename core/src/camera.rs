@@ -532,6 +532,7 @@ mod tests {
 
     /// What 0.3 px of noise on each coordinate of each corner costs.
     #[test]
+    #[cfg_attr(miri, ignore = "statistics over 720 poses would take minutes")]
     fn noise_of_a_third_of_a_pixel() {
         let (mut degrees, mut parts, mut seed) = (Vec::new(), Vec::new(), 3);
         let (mut wrong, mut clear) = (0, 0);

@@ -296,9 +296,9 @@ into what is left. The preset is the largest that the flash holds beside the cod
 flash on and beside the chip the larger, read in place); one model may hold many objects.
 
 Frames a second are those of searching with the largest profile that the chip's own RAM
-holds, at one instruction a cycle. A Cortex-M7 and an M55 can do better than that on such
-code and flash that is slow to read can make it worse; an M4 and an M33 will do somewhat
-less.
+holds, at one instruction a cycle: the true ratio depends on the processor, on the
+compiler and on how fast the flash is read. The Vision Shield's cameras see no colour:
+train with `--luma` for them.
 
 | board | processor | RAM on the chip | beside it | flash | profile | with the RAM beside | preset | frames a second | source |
 | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |
