@@ -25,7 +25,7 @@ pub fn shrink<const C: usize>(source: &[u8], from: (usize, usize), target: &mut 
                     *s += wy * u64::from(p);
                 }
             }
-            let weight = ((x1 - x0) * (y1 - y0)) as u64;
+            let weight = (x1 - x0) as u64 * (y1 - y0) as u64;
             *pixel = sums.map(|s| u8::try_from((s + weight / 2) / weight).unwrap_or(u8::MAX));
         }
     }
@@ -57,7 +57,13 @@ fn weighted<const C: usize>(run: &[[u8; C]], start: usize, x0: usize, x1: usize)
 
 /// What pixel `i` of `to` covers of `from`, in 1/256 px.
 const fn span(i: usize, from: usize, to: usize) -> (usize, usize) {
-    (i * from * 256 / to, (i + 1) * from * 256 / to)
+    (edge(i, from, to), edge(i + 1, from, to))
+}
+
+/// In 64 bits: 1280 px of a panorama of 14,000 would overflow 32.
+#[allow(clippy::cast_possible_truncation, reason = "at most 256 times `from`")]
+const fn edge(i: usize, from: usize, to: usize) -> usize {
+    (i as u64 * from as u64 * 256 / to as u64) as usize
 }
 
 /// How much of pixel `i` lies between `a` and `b`, in 1/256 px.
