@@ -29,6 +29,8 @@ pub const MEASURED: Measured =
 
 const STACK_BUDGET: usize = 8 << 10;
 const CODE_BUDGET: usize = 96 << 10;
+/// Flash that the firmware sets aside for itself, bytes.
+const CODE_REGION: usize = 128 << 10;
 
 /// A detector and its frames.
 #[derive(Clone, Copy, Debug)]
@@ -175,8 +177,7 @@ fn largest(kb: usize) -> Option<usize> {
 /// The largest preset that `kb` KB of flash hold beside the code.
 fn preset(kb: usize) -> &'static str {
     let presets = [(Preset::Large, "large"), (Preset::Standard, "standard"), (Preset::Compact, "compact")];
-    let code = MEASURED.code.unwrap_or(CODE_BUDGET);
-    presets.iter().find(|(p, _)| p.bytes() + code <= kb << 10).map_or("`train --bytes`", |(_, name)| name)
+    presets.iter().find(|(p, _)| p.bytes() + CODE_REGION <= kb << 10).map_or("`train --bytes`", |(_, name)| name)
 }
 
 /// Names of pages to their addresses.
@@ -209,7 +210,7 @@ fn rate(profile: usize, mhz: usize) -> String {
     MEASURED.instructions[profile].map_or("not measured yet".into(), |millions| {
         #[allow(clippy::cast_precision_loss, reason = "MHz are small")]
         let rate = mhz as f64 / millions;
-        format!("{rate:.0} (computed)")
+        format!("{rate:.1} (computed)")
     })
 }
 
