@@ -93,12 +93,12 @@ pub fn mend(model: &mut [u8]) {
     model[8..12].copy_from_slice(&length.to_le_bytes());
     model[18..20].fill(0);
     let count = |i: usize| u64::from(u32::from_le_bytes([0, 1, 2, 3].map(|k| model[20 + 4 * i + k])));
-    let feature = match model[17] {
-        1 => 24,
-        2 => 12,
+    let feature = match (model[16], model[17]) {
+        (0, 1) | (1, 2) => 12,
+        (0, 2) | (1, 1) => 24,
         _ => 36,
     };
-    let before = 40 + 56 * count(0) + 44 * count(1) + 4 * count(2) + 3460 + (8 + feature) * count(3);
+    let before = 40 + 56 * count(0) + 44 * count(1) + 4 * count(2) + 3460 + (6 + 5 + feature) * count(3);
     if let Some(templates) = (model.len() as u64).checked_sub(before) {
         model[36..40].copy_from_slice(&(templates as u32).to_le_bytes());
     }

@@ -16,8 +16,6 @@ use keygraph_core::train::{TrainParams, VgaTrainer, ViewSpec};
 use keygraph_core::write::{PackError, pack, packed_len};
 use keygraph_tests::{Sections, file, small_model};
 
-/// Bytes of a key: the two angles and the size.
-
 /// Small models of three pictures: some thousand keygraphs on five views.
 static MODELS: LazyLock<[Vec<u8>; 3]> = LazyLock::new(|| ["astronaut", "coffee", "rocket"].map(model_of));
 

@@ -1,5 +1,5 @@
-//! Parameters that no picture can be trained with, found by fuzzing: they are refused
-//! with words, and neither panic nor make a model that no one reads.
+//! Parameters that no picture can be trained with are refused with words: they
+//! neither panic nor make a model that no one reads.
 #![allow(clippy::unwrap_used)]
 
 use keygraph_core::feature::FeatureKind;
