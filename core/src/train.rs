@@ -563,9 +563,9 @@ impl Table {
     }
 
     fn clear(&mut self) {
-        self.counts = [[0; COSTS]; CELLS];
-        self.placed = [0; CELLS];
-        self.partial = [0; CELLS];
+        self.counts.as_flattened_mut().fill(0);
+        self.placed.fill(0);
+        self.partial.fill(0);
     }
 
     fn count(&mut self, cell: usize, cost: u32) {
@@ -641,7 +641,7 @@ impl Table {
     }
 
     fn write(&self, out: &mut [u8]) {
-        for (o, s) in out.chunks_exact_mut(4).zip(self.starts) {
+        for (o, s) in out.chunks_exact_mut(4).zip(&self.starts) {
             o.copy_from_slice(&s.to_le_bytes());
         }
     }

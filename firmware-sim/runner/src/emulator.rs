@@ -82,7 +82,9 @@ pub fn run(elf: &Path, contents: &Contents, machine: Machine, model: Option<&[u8
     let status = child.wait()?;
     ensure!(status.success(), "the board stopped with {status}: its log above says where");
     let mut bytes = Vec::new();
-    File::open(at(RESULTS.to_str()?)).and_then(|mut f| f.read_to_end(&mut bytes)).context("the board left no results")?;
+    File::open(at(RESULTS.to_str()?))
+        .and_then(|mut f| f.read_to_end(&mut bytes))
+        .context("the board left no results")?;
     let words = bytes.chunks_exact(4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
     Ok(Output { words, serial: fs::read_to_string(at(SERIAL)).unwrap_or_default() })
 }

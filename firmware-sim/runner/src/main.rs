@@ -235,7 +235,8 @@ fn middle(frames: Frames, size: [u32; 2]) -> [u32; 2] {
 /// What learning told: the line to print, and the model.
 fn read_learnt(words: &mut impl Iterator<Item = u32>, shot: &Shot) -> Option<(Value, Vec<u8>)> {
     let [ticks, bytes, keygraphs, stack] = [words.next()?, words.next()?, words.next()?, words.next()?];
-    let model: Vec<u8> = words.take(bytes.div_ceil(4) as usize).flat_map(u32::to_le_bytes).take(bytes as usize).collect();
+    let model: Vec<u8> =
+        words.take(bytes.div_ceil(4) as usize).flat_map(u32::to_le_bytes).take(bytes as usize).collect();
     let line = json!({
         "source": shot.source, "frame": shot.frame,
         "learnt": {"keygraphs": keygraphs, "bytes": bytes, "stack_bytes": stack},
