@@ -158,6 +158,9 @@ fn board(cli: &Cli) -> Result<bool> {
         }
         reports.push(report);
     }
+    if cli.check && fine {
+        eprintln!("board: {} frames: every stage does the same here and there", reports.len());
+    }
     let stack = reports.iter().map(|r| r.stack_bytes).max().unwrap_or(0);
     if cli.tables {
         println!("{}", tables::memory((program, machine, cli.profile), &contents, detector, &buffers, stack));
