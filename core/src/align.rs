@@ -185,24 +185,37 @@ pub fn appearance(
     width: f32,
     height: f32,
 ) -> Appearance {
-    let mut blocks = Blocks::new(view, template, 0, h, [width, height]);
     let map = h.after(&template.to_picture(width, height));
     let level = level_for(&map, template.width as f32, template.height as f32);
+    let chroma = chroma_correlation(view, template, &map, level);
+    Appearance { chroma, ..appearance_of_luma(view, template, 0, h, [width, height]) }
+}
+
+/// The same without chroma, which is 0, on level `level` of the template.
+pub(crate) fn appearance_of_luma(
+    view: &PyramidView<'_>,
+    template: &Template<'_>,
+    level: usize,
+    h: &Homography,
+    size: [f32; 2],
+) -> Appearance {
+    let mut blocks = Blocks::new(view, template, level, h, size);
     Appearance {
         blocks: u16::try_from(blocks.n).unwrap_or(0),
         inside: blocks.inside,
         support: blocks.support(),
         strong: blocks.strong(),
         median: blocks.median(),
-        chroma: chroma_correlation(view, template, &map, level),
+        chroma: 0.0,
     }
 }
 
-/// Steps of [`refine`]: level of the template, blocks each way whose light is
+/// A step of [`refine`]: level of the template, blocks each way whose light is
 /// evened out, how often, and the share of the support so far that must be left.
 /// Support is seen on level 1, too coarse to tell what the finest step gains: it
 /// must only not lose the object.
-const REFINEMENTS: [(usize, usize, usize, f32); 3] = [(2, 4, 5, 1.0), (1, 6, 4, 1.0), (0, 6, 3, 0.98)];
+pub(crate) type Refinement = (usize, usize, usize, f32);
+const REFINEMENTS: [Refinement; 3] = [(2, 4, 5, 1.0), (1, 6, 4, 1.0), (0, 6, 3, 0.98)];
 
 /// Aligns the frame with the template by their gradients, starting at `h` (picture
 /// px to frame px), from coarse to fine, and gives the homography that most blocks
@@ -213,6 +226,17 @@ const REFINEMENTS: [(usize, usize, usize, f32); 3] = [(2, 4, 5, 1.0), (1, 6, 4, 
 /// weighted by how well they correlate.
 #[must_use]
 pub fn refine(view: &PyramidView<'_>, template: &Template<'_>, h: &Homography, width: f32, height: f32) -> Homography {
+    refine_by(&REFINEMENTS, view, template, h, [width, height])
+}
+
+/// [`refine`] by these steps.
+pub(crate) fn refine_by(
+    steps: &[Refinement],
+    view: &PyramidView<'_>,
+    template: &Template<'_>,
+    h: &Homography,
+    [width, height]: [f32; 2],
+) -> Homography {
     let side = template.width.max(template.height) as f32;
     let middle = [template.width, template.height].map(|v| (v as f32 - 1.0) / 2.0);
     // Template px from coordinates near 1, with the origin in the middle.
@@ -223,7 +247,7 @@ pub fn refine(view: &PyramidView<'_>, template: &Template<'_>, h: &Homography, w
     let Some(back) = to_picture.after(&unit).inverse() else {
         return *h;
     };
-    for (level, blocks, times, keep) in REFINEMENTS {
+    for &(level, blocks, times, keep) in steps {
         let coarse = Coarse::new(template, level, blocks, side, middle);
         let mut g = best.0.after(&to_picture).after(&unit);
         for _ in 0..times {

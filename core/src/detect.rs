@@ -66,6 +66,18 @@ pub struct Stats {
     pub ticks: [u64; Stage::COUNT],
 }
 
+impl Stats {
+    /// Nothing done yet.
+    pub(crate) const EMPTY: Self =
+        Self { stages: [StageStats { seen: 0, kept: 0, dropped: 0 }; Stage::COUNT], ticks: [0; Stage::COUNT] };
+
+    /// Adds what was done besides.
+    pub(crate) fn add(&mut self, more: &Self) {
+        self.stages.iter_mut().zip(more.stages).for_each(|(s, m)| add(s, m));
+        self.ticks.iter_mut().zip(more.ticks).for_each(|(t, m)| *t += m);
+    }
+}
+
 /// Where keypoints and triples of a frame come from: the framework is open to
 /// others than our corners and their triangulation.
 pub trait Finder {
@@ -330,6 +342,26 @@ impl<
         self.stages.detect(frame, model, threshold, observer, finder)
     }
 
+    /// Takes in the luma of `frame` and looks for nothing; `observer` is asked for the
+    /// time between the stages.
+    pub(crate) fn load_luma(&mut self, frame: &Frame<'_>, observer: &mut dyn Observer) -> Result<(), FrameError> {
+        self.stages.clear();
+        Self::check(frame)?;
+        let start = observer.now();
+        self.stages.pyramid.load_luma(frame)?;
+        let loaded = observer.now();
+        self.stages.pyramid.reduce_luma();
+        let ticks = &mut self.stages.stats.ticks;
+        ticks[Stage::Convert as usize] = loaded.wrapping_sub(start);
+        ticks[Stage::Pyramid as usize] = observer.now().wrapping_sub(loaded);
+        Ok(())
+    }
+
+    /// The last frame.
+    pub(crate) fn frame(&self) -> PyramidView<'_> {
+        self.stages.pyramid.view()
+    }
+
     fn check(frame: &Frame<'_>) -> Result<(), FrameError> {
         let (w, h) = (frame.width(), frame.height());
         if w.max(h) > Self::MAX_SIDE || !Pyramid::<LUMA, CHROMA>::fits(w, h) {
@@ -408,8 +440,8 @@ const CONVINCING: f32 = 8.0;
 
 /// Least area of an outline, px, and most that a side may be shrunk against its
 /// opposite.
-const MIN_AREA_PX: f32 = 144.0;
-const MAX_RATIO: f32 = 4.0;
+pub(crate) const MIN_AREA_PX: f32 = 144.0;
+pub(crate) const MAX_RATIO: f32 = 4.0;
 
 /// Keygraphs that are matched before their matches are verified.
 const CHUNK: usize = 16;
@@ -460,10 +492,7 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
             candidates: Vec::new(),
             pairs: Vec::new(),
             detections: Vec::new(),
-            stats: Stats {
-                stages: [StageStats { seen: 0, kept: 0, dropped: 0 }; Stage::COUNT],
-                ticks: [0; Stage::COUNT],
-            },
+            stats: Stats::EMPTY,
         }
     }
 
@@ -733,7 +762,7 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
 
 impl Detection {
     /// A pose without evidence.
-    fn at(model: &Model<'_>, object: u16, homography: &Homography) -> Self {
+    pub(crate) fn at(model: &Model<'_>, object: u16, homography: &Homography) -> Self {
         let o = model.object(usize::from(object));
         Self {
             object,
@@ -747,7 +776,7 @@ impl Detection {
     }
 
     /// Whether it stands for the same instance as `other`.
-    fn is_twin(&self, other: &Self) -> bool {
+    pub(crate) fn is_twin(&self, other: &Self) -> bool {
         self.object == other.object && overlap(&self.corners, &other.corners)
     }
 }

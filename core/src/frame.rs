@@ -182,6 +182,21 @@ impl<'a> Frame<'a> {
         self.format
     }
 
+    /// Luma alone: one pass over the pixels into `luma` (`width * height`).
+    ///
+    /// # Panics
+    /// Never for a slice of this length or longer.
+    pub fn convert_luma(&self, luma: &mut [u8]) {
+        let (n, data) = (self.width * self.height, self.data);
+        let luma = &mut luma[..n];
+        match self.format {
+            PixelFormat::Gray8 | PixelFormat::Nv12 | PixelFormat::I420 => luma.copy_from_slice(&data[..n]),
+            PixelFormat::Yuyv => luma.iter_mut().zip(data.chunks_exact(2)).for_each(|(y, p)| *y = p[0]),
+            PixelFormat::Rgb8 => luma_from_rgb(luma, |i| rgb8(data, i)),
+            PixelFormat::Rgb565 => luma_from_rgb(luma, |i| rgb565(data, i)),
+        }
+    }
+
     /// One pass over the pixels into `luma` (`width * height`) and the chroma
     /// planes `a` and `b` (`(width / 2) * (height / 2)` each).
     ///
@@ -190,26 +205,16 @@ impl<'a> Frame<'a> {
     pub fn convert(&self, luma: &mut [u8], a: &mut [i8], b: &mut [i8]) {
         let (w, h, data) = (self.width, self.height, self.data);
         let n = w * h;
+        self.convert_luma(luma);
         match self.format {
             PixelFormat::Gray8 => {
-                luma[..n].copy_from_slice(data);
                 let c = (w / 2) * (h / 2);
                 a[..c].fill(NO_CHROMA);
                 b[..c].fill(NO_CHROMA);
             }
-            PixelFormat::Rgb8 => from_rgb(w, h, luma, a, b, |i| {
-                let p = &data[3 * i..3 * i + 3];
-                [i32::from(p[0]), i32::from(p[1]), i32::from(p[2])]
-            }),
-            PixelFormat::Rgb565 => from_rgb(w, h, luma, a, b, |i| {
-                let v = i32::from(u16::from_le_bytes([data[2 * i], data[2 * i + 1]]));
-                let (r, g, b) = (v >> 11, v >> 5 & 63, v & 31);
-                [r << 3 | r >> 2, g << 2 | g >> 4, b << 3 | b >> 2]
-            }),
+            PixelFormat::Rgb8 => chroma_from_rgb(w, h, a, b, |i| rgb8(data, i)),
+            PixelFormat::Rgb565 => chroma_from_rgb(w, h, a, b, |i| rgb565(data, i)),
             PixelFormat::Yuyv => {
-                for (y, p) in luma[..n].iter_mut().zip(data.chunks_exact(2)) {
-                    *y = p[0];
-                }
                 let at = |x: usize, y: usize| &data[2 * (y * w + 2 * x)..][..4];
                 chroma_from_yuv(w, h, a, b, |x, y| {
                     let (p, q) = (at(x, 2 * y), at(x, 2 * y + 1));
@@ -218,7 +223,6 @@ impl<'a> Frame<'a> {
                 });
             }
             PixelFormat::Nv12 | PixelFormat::I420 => {
-                luma[..n].copy_from_slice(&data[..n]);
                 let uv = &data[n..];
                 // Distance between neighbours of one plane, and of U and V.
                 let (step, v) = if self.format == PixelFormat::Nv12 { (2, 1) } else { (1, n / 4) };
@@ -233,11 +237,26 @@ impl<'a> Frame<'a> {
     }
 }
 
-fn from_rgb(w: usize, h: usize, luma: &mut [u8], a: &mut [i8], b: &mut [i8], rgb: impl Fn(usize) -> [i32; 3]) {
-    for (i, y) in luma[..w * h].iter_mut().enumerate() {
+/// Red, green and blue of pixel `i`.
+fn rgb8(data: &[u8], i: usize) -> [i32; 3] {
+    let p = &data[3 * i..3 * i + 3];
+    [i32::from(p[0]), i32::from(p[1]), i32::from(p[2])]
+}
+
+fn rgb565(data: &[u8], i: usize) -> [i32; 3] {
+    let v = i32::from(u16::from_le_bytes([data[2 * i], data[2 * i + 1]]));
+    let (r, g, b) = (v >> 11, v >> 5 & 63, v & 31);
+    [r << 3 | r >> 2, g << 2 | g >> 4, b << 3 | b >> 2]
+}
+
+fn luma_from_rgb(luma: &mut [u8], rgb: impl Fn(usize) -> [i32; 3]) {
+    for (i, y) in luma.iter_mut().enumerate() {
         let [r, g, b] = rgb(i);
         *y = narrow((4899 * r + 9617 * g + 1868 * b + 8192) >> 14);
     }
+}
+
+fn chroma_from_rgb(w: usize, h: usize, a: &mut [i8], b: &mut [i8], rgb: impl Fn(usize) -> [i32; 3]) {
     let cw = w / 2;
     for y in 0..h / 2 {
         for x in 0..cw {

@@ -105,4 +105,5 @@ pub mod method;
 pub mod train;
 pub mod detect;
 pub mod digest;
+pub mod track;
 pub mod camera;

@@ -106,6 +106,20 @@ impl<const LUMA: usize, const CHROMA: usize> Pyramid<LUMA, CHROMA> {
     /// # Errors
     /// [`FrameError::TooLarge`] when the frame does not fit.
     pub fn load(&mut self, frame: &Frame<'_>) -> Result<(), FrameError> {
+        self.resize(frame)?;
+        let [a, b] = &mut self.chroma;
+        frame.convert(&mut self.luma, a, b);
+        Ok(())
+    }
+
+    /// The same for luma alone: the chroma planes are not those of this frame.
+    pub(crate) fn load_luma(&mut self, frame: &Frame<'_>) -> Result<(), FrameError> {
+        self.resize(frame)?;
+        frame.convert_luma(&mut self.luma);
+        Ok(())
+    }
+
+    fn resize(&mut self, frame: &Frame<'_>) -> Result<(), FrameError> {
         let (w, h) = (frame.width(), frame.height());
         if !Self::fits(w, h) {
             return Err(FrameError::TooLarge {
@@ -116,8 +130,6 @@ impl<const LUMA: usize, const CHROMA: usize> Pyramid<LUMA, CHROMA> {
             });
         }
         (self.width, self.height) = (w, h);
-        let [a, b] = &mut self.chroma;
-        frame.convert(&mut self.luma, a, b);
         Ok(())
     }
 
@@ -135,10 +147,15 @@ impl<const LUMA: usize, const CHROMA: usize> Pyramid<LUMA, CHROMA> {
 
     /// Makes the levels above level 0.
     pub fn reduce(&mut self) {
-        reduce_all(&mut self.luma, self.width, self.height, luma_mean);
+        self.reduce_luma();
         for plane in &mut self.chroma {
             reduce_all(plane, self.width / 2, self.height / 2, chroma_mean);
         }
+    }
+
+    /// Makes the levels of luma alone.
+    pub(crate) fn reduce_luma(&mut self) {
+        reduce_all(&mut self.luma, self.width, self.height, luma_mean);
     }
 
     /// A view for the stages.

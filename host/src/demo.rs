@@ -75,6 +75,7 @@ pub fn demo(assets: &Path, out: &Path) -> Result<[Tally; 2]> {
         profile: Profile::Vga,
         threshold: DEFAULT_THRESHOLD,
         threads: default_threads(),
+        track: false,
         annotate: true,
         calibration: None,
         format: None,

@@ -153,8 +153,12 @@ enum Command {
         #[arg(long, value_enum, value_name = "FORMAT")]
         format: Option<SensorFormat>,
         /// With --json: a digest of each stage's output, to compare machines by
-        #[arg(long, requires = "json")]
+        #[arg(long, requires = "json", conflicts_with = "track")]
         digests: bool,
+        /// Follow what was found from frame to frame: faster and steadier; the inputs
+        /// are taken as frames of a camera, in order
+        #[arg(long)]
+        track: bool,
         /// The camera's focal lengths and principal point, px of the input: reports the
         /// pose of each object
         #[arg(long, value_name = "FX,FY,CX,CY", requires = "width_mm", value_parser = parse_intrinsics, allow_hyphen_values = true)]
@@ -236,15 +240,21 @@ fn dispatch(command: Command) -> Result<ExitCode> {
             threads,
             format,
             digests,
+            track,
             intrinsics,
             width_mm,
         } => {
+            if track && threads.is_some_and(|n| n > 1) {
+                let message = "--track works on one frame after the other: leave --threads out";
+                Cli::command().error(ErrorKind::ArgumentConflict, message).exit();
+            }
             let options = Options {
                 profile,
                 threshold,
                 format,
                 digests,
                 threads: threads.map_or_else(default_threads, usize::from),
+                track,
                 annotate: annotate.is_some(),
                 calibration: None,
             };

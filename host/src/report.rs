@@ -2,7 +2,9 @@
 
 use keygraph_core::camera::{PlanePose, Pose};
 use keygraph_core::capacity::Stage;
+use keygraph_core::detect::Detection;
 use keygraph_core::model::{Method, Model};
+use keygraph_core::track::{State, Track};
 use serde_json::{Map, Value, json};
 
 use crate::assess::{Assessment, Row, Structure, Sweep};
@@ -50,21 +52,11 @@ pub fn frame_line(
         .iter()
         .enumerate()
         .map(|(i, d)| {
-            let mut entry = json!({
-                "object": model.object(usize::from(d.object)).name,
-                "state": "found",
-                "score": rounded(d.score, 4),
-                "homography": d.homography.0.map(f64::from),
-                "corners": d.corners.map(|p| p.map(|v| rounded(v, 3))),
-                "votes": d.votes,
-                "agreeing": d.agreeing,
-                "correlation": rounded(d.appearance.median, 4),
-                "support": rounded(d.appearance.support, 2),
-                "strong": rounded(d.appearance.strong, 2),
-                "blocks": d.appearance.blocks,
-                "inside": d.appearance.inside,
-                "chroma": rounded(d.appearance.chroma, 4),
-            });
+            let track = found.tracking.as_ref().map(|t| t.seen[i]);
+            let mut entry = detection_object(model, d, track.map_or(State::Found, |(_, state)| state));
+            if let Some((id, _)) = track {
+                entry["id"] = json!(id);
+            }
             if let Some(poses) = poses {
                 entry["pose"] = plane_pose_object(poses[i].as_ref());
             }
@@ -87,7 +79,40 @@ pub fn frame_line(
         let digest = |s: &Stage| (s.name().to_string(), Value::from(format!("{:08x}", digests.of(*s))));
         line["digests"] = Stage::ALL.iter().map(digest).collect();
     }
+    if let Some(tracking) = &found.tracking {
+        let lost = |t: &Track| {
+            let mut entry = detection_object(model, &t.detection, t.state);
+            entry["id"] = json!(t.id);
+            entry["unseen"] = json!(t.unseen);
+            entry
+        };
+        line["state"] = json!(if found.detections.is_empty() { "searching" } else { "tracking" });
+        line["searched"] = json!(tracking.searched);
+        line["lost"] = tracking.lost.iter().map(lost).collect();
+    }
     line
+}
+
+fn detection_object(model: &Model<'_>, d: &Detection, state: State) -> Value {
+    json!({
+        "object": model.object(usize::from(d.object)).name,
+        "state": match state {
+            State::Found => "found",
+            State::Tracked => "tracked",
+            State::Lost => "lost",
+        },
+        "score": rounded(d.score, 4),
+        "homography": d.homography.0.map(f64::from),
+        "corners": d.corners.map(|p| p.map(|v| rounded(v, 3))),
+        "votes": d.votes,
+        "agreeing": d.agreeing,
+        "correlation": rounded(d.appearance.median, 4),
+        "support": rounded(d.appearance.support, 2),
+        "strong": rounded(d.appearance.strong, 2),
+        "blocks": d.appearance.blocks,
+        "inside": d.appearance.inside,
+        "chroma": rounded(d.appearance.chroma, 4),
+    })
 }
 
 /// The line of a frame that could not be read.

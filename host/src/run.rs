@@ -2,10 +2,12 @@
 //!
 //! In: a [`Source`] of frames and a model. Out: one [`Outcome`] a frame, in the
 //! order of the source, handed to the caller as soon as it and all before it are
-//! there. Memory: at most two frames a thread are in flight.
+//! there. With a tracker frames are worked on one by one. Memory: at most two frames a
+//! thread are in flight.
 
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::mpsc::channel;
 use std::thread;
@@ -13,11 +15,12 @@ use std::thread;
 use anyhow::{Context, Result, anyhow};
 use keygraph_core::camera::PlanePose;
 use keygraph_core::model::Model;
+use keygraph_core::track::Tracker;
 
 use crate::annotate::{Canvas, Outline, colour, draw_axes, draw_corners, draw_label, draw_outline, draw_triangles};
 use crate::input::{Kind, Picture, Source, SourceFrame};
 use crate::pose::Calibration;
-use crate::search::{Found, MAX_THREADS, Profile, Request, search_for};
+use crate::search::{Found, MAX_THREADS, Profile, Request, follow, search_for};
 use crate::sensor::SensorFormat;
 
 /// How frames are searched.
@@ -27,8 +30,10 @@ pub struct Options<'a> {
     pub profile: Profile,
     /// Least score of a detection.
     pub threshold: f32,
-    /// Frames searched at once, 1 to [`MAX_THREADS`].
+    /// Frames searched at once, 1 to [`MAX_THREADS`]; tracking takes one.
     pub threads: usize,
+    /// Whether to follow what was found from frame to frame.
+    pub track: bool,
     /// Whether to draw what was found.
     pub annotate: bool,
     /// The sensor that frames are turned into the format of.
@@ -82,7 +87,7 @@ pub fn run(
     options: &Options<'_>,
     mut each: impl FnMut(Outcome) -> Result<()>,
 ) -> Result<()> {
-    let threads = options.threads.clamp(1, MAX_THREADS);
+    let threads = if options.track { 1 } else { options.threads.clamp(1, MAX_THREADS) };
     let (jobs, queue) = channel::<(u64, SourceFrame)>();
     let queue = Mutex::new(queue);
     let (done, outcomes) = channel();
@@ -105,10 +110,11 @@ pub fn run(
         for slot in 0..threads {
             let (done, queue) = (done.clone(), &queue);
             scope.spawn(move || {
+                let mut trail = options.track.then(Trail::default);
                 loop {
                     let job = queue.lock().map_or(None, |q| q.recv().ok());
                     let Some((index, frame)) = job else { return };
-                    if done.send((index, search_safely(frame, model, options, slot))).is_err() {
+                    if done.send((index, search_safely(frame, model, options, slot, &mut trail))).is_err() {
                         return;
                     }
                 }
@@ -132,21 +138,62 @@ pub fn run(
     })
 }
 
+/// A tracker, and what it follows things in.
+#[derive(Debug, Default)]
+struct Trail {
+    tracker: Tracker,
+    sequence: Option<(PathBuf, (u32, u32))>,
+}
+
+impl Trail {
+    /// The tracker, which starts anew when `picture` is not of the same video, or not
+    /// of the same folder, as the one before, or has another size.
+    fn tracker(&mut self, source: &str, kind: Kind, picture: &Picture) -> &mut Tracker {
+        let path = Path::new(source);
+        let folder = || path.parent().unwrap_or(path);
+        let of = if kind == Kind::Still { folder() } else { path };
+        let sequence = Some((of.into(), (picture.width, picture.height)));
+        if self.sequence != sequence {
+            self.tracker.reset();
+            self.sequence = sequence;
+        }
+        &mut self.tracker
+    }
+}
+
 /// [`search_one`], with a panic turned into an error of this frame alone.
-fn search_safely(frame: SourceFrame, model: &Model<'_>, options: &Options<'_>, slot: usize) -> Outcome {
+fn search_safely(
+    frame: SourceFrame,
+    model: &Model<'_>,
+    options: &Options<'_>,
+    slot: usize,
+    trail: &mut Option<Trail>,
+) -> Outcome {
     let (source, index, kind) = (frame.source.clone(), frame.frame, frame.kind);
-    catch_unwind(AssertUnwindSafe(|| search_one(frame, model, options, slot))).unwrap_or_else(|_| {
+    catch_unwind(AssertUnwindSafe(|| search_one(frame, model, options, slot, trail.as_mut()))).unwrap_or_else(|_| {
+        // What it was about to change may be half done.
+        *trail = trail.take().map(|_| Trail::default());
         let result = Err(anyhow!("{source}, frame {index}: the search failed; please report this frame"));
         Outcome { source, frame: index, kind, result }
     })
 }
 
-fn search_one(frame: SourceFrame, model: &Model<'_>, options: &Options<'_>, slot: usize) -> Outcome {
+fn search_one(
+    frame: SourceFrame,
+    model: &Model<'_>,
+    options: &Options<'_>,
+    slot: usize,
+    trail: Option<&mut Trail>,
+) -> Outcome {
     let SourceFrame { source, frame, kind, picture } = frame;
     let result = picture.and_then(|p| {
         let Options { profile, threshold, annotate: details, format, digests, .. } = *options;
         let request = Request { profile, threshold, details, format, digests };
-        let found = search_for(&p, model, &request, slot).with_context(|| source.clone())?;
+        let found = match trail.map(|t| t.tracker(&source, kind, &p)) {
+            Some(tracker) => follow(&p, model, &request, slot, tracker),
+            None => search_for(&p, model, &request, slot),
+        }
+        .with_context(|| source.clone())?;
         let poses = options.calibration.map(|c| found.detections.iter().map(|d| c.pose(model, d)).collect::<Vec<_>>());
         let canvas = options.annotate.then(|| {
             let mut canvas = draw(&p, model, &found);
@@ -172,9 +219,13 @@ pub fn draw(picture: &Picture, model: &Model<'_>, found: &Found) -> Canvas {
     let outlines: Vec<Outline> = found
         .detections
         .iter()
-        .map(|d| Outline {
+        .enumerate()
+        .map(|(i, d)| Outline {
             corners: d.corners,
-            label: format!("{} {:.2}", model.object(usize::from(d.object)).name, d.score),
+            label: {
+                let id = found.tracking.as_ref().map_or_else(String::new, |t| format!(" #{}", t.seen[i].0));
+                format!("{}{id} {:.2}", model.object(usize::from(d.object)).name, d.score)
+            },
             colour_index: usize::from(d.object),
         })
         .collect();

@@ -1,5 +1,8 @@
 //! Frames into the core's detectors: scaling to the profile, one detector a
 //! thread, results in the pixels of the input.
+//!
+//! In: a picture, a model, and a tracker where the picture is the next frame of a
+//! sequence. Out: what was found.
 
 use std::borrow::Cow;
 use std::sync::{Mutex, MutexGuard};
@@ -12,6 +15,7 @@ use keygraph_core::frame::{Frame, FrameError, PixelFormat};
 use keygraph_core::geometry::Homography;
 use keygraph_core::model::Model;
 use keygraph_core::shrink::shrink;
+use keygraph_core::track::{State, Track, Tracker};
 
 use crate::input::{Picture, Pixels};
 use crate::sensor::{SensorFormat, sense};
@@ -117,14 +121,47 @@ pub struct Found {
     pub supporters: Vec<Vec<[[f32; 2]; 3]>>,
     /// A digest of each stage's output, if asked for.
     pub digests: Option<Digests>,
+    /// Which instances these are, if they were followed.
+    pub tracking: Option<Tracking>,
+}
+
+/// What a tracker says besides detections.
+#[derive(Clone, Debug)]
+pub struct Tracking {
+    /// Id and state of each detection.
+    pub seen: Vec<(u32, State)>,
+    /// Instances that were lost less than a second ago, where they were last seen.
+    pub lost: Vec<Track>,
+    /// Whether this frame was searched, and not only followed.
+    pub searched: bool,
 }
 
 impl Found {
+    /// What a detector has told so far; nothing else yet.
+    #[must_use]
+    pub const fn new(detections: Vec<Detection>, stats: Stats) -> Self {
+        Self {
+            detections,
+            stats,
+            total_ns: 0,
+            corners: Vec::new(),
+            supporters: Vec::new(),
+            digests: None,
+            tracking: None,
+        }
+    }
+
+    /// All detections, those of lost instances too.
+    fn all_detections(&mut self) -> impl Iterator<Item = &mut Detection> {
+        let lost = self.tracking.iter_mut().flat_map(|t| &mut t.lost);
+        self.detections.iter_mut().chain(lost.map(|t| &mut t.detection))
+    }
+
     /// Carries everything from a frame with so many px per px of the input to the px
     /// of the input.
     pub fn map_back(&mut self, [sx, sy]: [f32; 2]) {
         let back = Homography::affine([1.0 / sx, 0.0, 0.5 / sx - 0.5, 0.0, 1.0 / sy, 0.5 / sy - 0.5]);
-        for d in &mut self.detections {
+        for d in self.all_detections() {
             d.homography = back.after(&d.homography).normalised();
             d.corners = d.corners.map(|p| back.apply(p));
         }
@@ -146,8 +183,16 @@ pub struct Request {
     /// The format of the sensor that is to be stood in for; else the pixels are taken
     /// as they were decoded.
     pub format: Option<SensorFormat>,
-    /// Whether to tell digests.
+    /// Whether to tell digests; of what is searched alone, not of what is followed.
     pub digests: bool,
+}
+
+impl Request {
+    /// Detections alone, of pixels as they were decoded.
+    #[must_use]
+    pub const fn new(profile: Profile, threshold: f32) -> Self {
+        Self { profile, threshold, details: false, format: None, digests: false }
+    }
 }
 
 /// Times the stages, and makes digests if asked for.
@@ -175,6 +220,18 @@ pub trait Engine {
     /// # Errors
     /// As the core.
     fn run(&mut self, frame: &Frame<'_>, model: &Model<'_>, request: &Request) -> Result<Found, FrameError>;
+
+    /// The same for the next frame of a sequence, by [`Tracker::track`].
+    ///
+    /// # Errors
+    /// As the core.
+    fn follow(
+        &mut self,
+        tracker: &mut Tracker,
+        frame: &Frame<'_>,
+        model: &Model<'_>,
+        request: &Request,
+    ) -> Result<Found, FrameError>;
 }
 
 macro_rules! engine {
@@ -185,18 +242,25 @@ macro_rules! engine {
             fn run(&mut self, frame: &Frame<'_>, model: &Model<'_>, request: &Request) -> Result<Found, FrameError> {
                 let mut watch = Watch { start: Instant::now(), digests: request.digests.then(Digests::new) };
                 let detections = self.detect(frame, model, request.threshold, &mut watch)?.to_vec();
-                let mut found = Found {
-                    detections,
-                    stats: *self.stats(),
-                    total_ns: 0,
-                    corners: Vec::new(),
-                    supporters: Vec::new(),
-                    digests: watch.digests,
-                };
+                let mut found = Found { digests: watch.digests, ..Found::new(detections, *self.stats()) };
                 if request.details {
                     found.corners = self.corners().collect();
                     found.supporters = found.detections.iter().map(|d| self.supporters(model, d).collect()).collect();
                 }
+                Ok(found)
+            }
+
+            fn follow(&mut self, tracker: &mut Tracker, frame: &Frame<'_>, model: &Model<'_>, request: &Request) -> Result<Found, FrameError> {
+                let mut watch = Watch { start: Instant::now(), digests: None };
+                let tracks = tracker.track(self, frame, model, request.threshold, &mut watch)?;
+                let (lost, seen): (Vec<Track>, Vec<Track>) = tracks.iter().partition(|t| t.state == State::Lost);
+                let mut found = Found::new(seen.iter().map(|t| t.detection).collect(), *tracker.stats());
+                if request.details {
+                    found.corners = self.corners().collect();
+                    found.supporters = found.detections.iter().map(|d| self.supporters(model, d).collect()).collect();
+                }
+                let seen = seen.iter().map(|t| (t.id, t.state)).collect();
+                found.tracking = Some(Tracking { seen, lost, searched: tracker.searched() });
                 Ok(found)
             }
         }
@@ -226,7 +290,7 @@ pub fn search(
     details: bool,
     slot: usize,
 ) -> Result<Found> {
-    search_for(picture, model, &Request { profile, threshold, details, format: None, digests: false }, slot)
+    search_for(picture, model, &Request { details, ..Request::new(profile, threshold) }, slot)
 }
 
 /// The same, with everything that can be asked for.
@@ -234,6 +298,32 @@ pub fn search(
 /// # Errors
 /// When the picture is too small.
 pub fn search_for(picture: &Picture, model: &Model<'_>, request: &Request, slot: usize) -> Result<Found> {
+    in_profile(picture, request, slot, |engine, frame| engine.run(frame, model, request))
+}
+
+/// The same for the next picture of a sequence, of which `tracker` has seen the ones
+/// before.
+///
+/// # Errors
+/// When the picture is too small.
+pub fn follow(
+    picture: &Picture,
+    model: &Model<'_>,
+    request: &Request,
+    slot: usize,
+    tracker: &mut Tracker,
+) -> Result<Found> {
+    in_profile(picture, request, slot, |engine, frame| engine.follow(tracker, frame, model, request))
+}
+
+/// Prepares `picture`, lets `work` have it and the detector of thread `slot`, and takes
+/// what was found back to px of the picture.
+fn in_profile(
+    picture: &Picture,
+    request: &Request,
+    slot: usize,
+    work: impl FnOnce(&mut dyn Engine, &Frame<'_>) -> Result<Found, FrameError>,
+) -> Result<Found> {
     let start = Instant::now();
     let scaled = prepare(picture, request.profile, request.format);
     let frame = Frame::new(scaled.format, scaled.width, scaled.height, &scaled.data).with_context(|| {
@@ -241,10 +331,10 @@ pub fn search_for(picture: &Picture, model: &Model<'_>, request: &Request, slot:
     })?;
     let slot = slot % MAX_THREADS;
     let mut found = match request.profile {
-        Profile::Hd => lock(&HD[slot]).run(&frame, model, request),
-        Profile::Vga => lock(&VGA[slot]).run(&frame, model, request),
-        Profile::Qvga => lock(&QVGA[slot]).run(&frame, model, request),
-        Profile::Qqvga => lock(&QQVGA[slot]).run(&frame, model, request),
+        Profile::Hd => work(&mut *lock(&HD[slot]), &frame),
+        Profile::Vga => work(&mut *lock(&VGA[slot]), &frame),
+        Profile::Qvga => work(&mut *lock(&QVGA[slot]), &frame),
+        Profile::Qqvga => work(&mut *lock(&QQVGA[slot]), &frame),
     }?;
     found.map_back(scaled.scale);
     found.total_ns = u64::try_from(start.elapsed().as_nanos()).unwrap_or(u64::MAX);

@@ -1,0 +1,381 @@
+//! Objects followed from frame to frame.
+//!
+//! In: the frames of one camera in order, and a model. Out: tracks, each an instance
+//! with an id that it keeps. An instance that was seen in the frame before is aligned
+//! to this one (`align`), starting where its motion leads; that needs luma alone and a
+//! few per cent of what a search costs. A frame is searched (`detect`) only when
+//! nothing is in sight, when an instance could not be followed or has been lost for
+//! less than [`LOST_FRAMES`], and else every [`SEARCH_EVERY`] frames, so that new
+//! instances appear.
+//!
+//! Every frame is aligned to the template and not to the frame before: errors do not
+//! add up. To appear an instance must reach the caller's threshold; to stay it needs
+//! [`STAY`] of it, so that one at the threshold does not flicker. What can neither be
+//! followed nor found is lost, and said to be.
+//!
+//! Memory: some 3 KB in [`Tracker`], beside the detector, whose buffers it uses.
+//! Cost: conversion and pyramid of luma, and for each track some 25,000 bilinear
+//! samples. Full: of more than [`TRACKS`] instances those with the best scores are
+//! followed, and the others found again by every search.
+
+use heapless::Vec;
+
+use crate::align::{Appearance, Refinement, appearance_of_luma, is_plausible, refine_by};
+use crate::capacity::Stage;
+use crate::detect::{Detection, Detector, MAX_RATIO, MIN_AREA_PX, Observer, Stats};
+use crate::frame::{Frame, FrameError};
+use crate::geometry::{Homography, area};
+use crate::math;
+use crate::model::Model;
+use crate::pyramid::PyramidView;
+
+/// Instances that are followed at once.
+pub const TRACKS: usize = 16;
+
+/// Frames from one search to the next while all goes well. Fewer let new instances
+/// appear sooner and cost a search each.
+pub const SEARCH_EVERY: u32 = 10;
+
+/// Frames for which an instance that is not seen is still reported as lost, and
+/// searched for in every frame: a second of video.
+pub const LOST_FRAMES: u32 = 30;
+
+/// Part of the threshold that an instance needs to stay.
+pub const STAY: f32 = 0.5;
+
+/// How an instance stands in the last frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum State {
+    /// Found by a search: it was not seen in the frame before.
+    Found,
+    /// Seen in the frame before, and in this one.
+    Tracked,
+    /// Not seen: its detection is the last one there was.
+    Lost,
+}
+
+/// One instance of an object, followed.
+#[derive(Clone, Copy, Debug)]
+pub struct Track {
+    /// Its own, never used twice.
+    pub id: u32,
+    /// How it stands.
+    pub state: State,
+    /// Where it is, or was when it was last seen. `votes` and `agreeing` are those of
+    /// the last search that found it, `appearance.chroma` is 0 where none did in this
+    /// frame.
+    pub detection: Detection,
+    /// Frames since it was seen; 0 in this one.
+    pub unseen: u32,
+    /// Where it was one frame before it was last seen.
+    before: Option<Homography>,
+    /// Whether it has been seen in the frame that is being worked on.
+    seen: bool,
+    /// Whether a detection of this frame's search belongs to it.
+    claimed: bool,
+}
+
+impl Track {
+    /// Takes a pose in this frame.
+    fn take(&mut self, d: Detection) {
+        if !self.seen {
+            self.before = (self.unseen == 0).then_some(self.detection.homography);
+        }
+        self.detection = d;
+        self.seen = true;
+    }
+
+    /// Where it will be if it goes on as it came.
+    fn predicted(&self) -> Option<Homography> {
+        let step = self.detection.homography.after(&self.before?.inverse()?);
+        Some(step.after(&self.detection.homography).normalised())
+    }
+}
+
+/// Follows what a [`Detector`] finds.
+#[derive(Debug)]
+pub struct Tracker {
+    /// Those that are seen first, best score first.
+    tracks: Vec<Track, TRACKS>,
+    next_id: u32,
+    /// Frames since the last search.
+    since_search: u32,
+    stats: Stats,
+}
+
+impl Default for Tracker {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Tracker {
+    /// A tracker of nothing yet.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { tracks: Vec::new(), next_id: 0, since_search: 0, stats: Stats::EMPTY }
+    }
+
+    /// Forgets all tracks; ids are not used again.
+    pub fn reset(&mut self) {
+        self.tracks.clear();
+    }
+
+    /// Follows, and where needed searches, the model's objects in the next frame: all
+    /// instances, those that are seen first, best score first, then those that are lost.
+    /// `threshold` is the least score at which an instance appears. `observer` is
+    /// asked for the time between the stages, and shown what a search makes.
+    ///
+    /// # Errors
+    /// [`FrameError::TooLarge`] when the frame exceeds the detector's profile: then
+    /// nothing has changed.
+    pub fn track<
+        const LUMA: usize,
+        const CHROMA: usize,
+        const SIDE: usize,
+        const CORNERS: usize,
+        const POINTS: usize,
+        const KEYGRAPHS: usize,
+        const BINS: usize,
+    >(
+        &mut self,
+        detector: &mut Detector<LUMA, CHROMA, SIDE, CORNERS, POINTS, KEYGRAPHS, BINS>,
+        frame: &Frame<'_>,
+        model: &Model<'_>,
+        threshold: f32,
+        observer: &mut dyn Observer,
+    ) -> Result<&[Track], FrameError> {
+        let due = self.is_searching()
+            || self.since_search + 1 >= SEARCH_EVERY
+            || self.tracks.iter().any(|t| t.state == State::Lost);
+        if due {
+            detector.detect(frame, model, threshold, observer)?;
+        } else {
+            detector.load_luma(frame, observer)?;
+        }
+        // The model may be another one than in the frame before.
+        self.tracks.retain(|t| usize::from(t.detection.object) < model.objects());
+        self.stats = *detector.stats();
+        let start = observer.now();
+        let gone = self.follow_all(&detector.frame(), model, threshold);
+        let end = observer.now();
+        if gone && !due {
+            detector.detect(frame, model, threshold, observer)?;
+            self.stats.add(detector.stats());
+        }
+        self.stats.ticks[Stage::Accept as usize] += end.wrapping_sub(start);
+        self.since_search += 1;
+        if due || gone {
+            self.since_search = 0;
+            detector.detections().iter().for_each(|d| self.merge(d));
+        }
+        self.settle();
+        Ok(&self.tracks)
+    }
+
+    /// All instances of the last frame, as [`Tracker::track`] gave them.
+    #[must_use]
+    pub fn tracks(&self) -> &[Track] {
+        &self.tracks
+    }
+
+    /// Whether nothing is in sight, so that every frame is searched.
+    #[must_use]
+    pub fn is_searching(&self) -> bool {
+        self.tracks.iter().all(|t| t.state == State::Lost)
+    }
+
+    /// Whether the last frame was searched.
+    #[must_use]
+    pub const fn searched(&self) -> bool {
+        self.since_search == 0
+    }
+
+    /// What the stages did with the last frame; alignment counts as [`Stage::Accept`].
+    #[must_use]
+    pub const fn stats(&self) -> &Stats {
+        &self.stats
+    }
+
+    /// Follows every track; true when one that was seen in the frame before is not any
+    /// more.
+    fn follow_all(&mut self, view: &PyramidView<'_>, model: &Model<'_>, threshold: f32) -> bool {
+        let mut gone = false;
+        for t in &mut self.tracks {
+            (t.seen, t.claimed) = (false, false);
+            match follow(view, model, t, threshold) {
+                Some(d) => t.take(d),
+                None => gone |= t.state != State::Lost,
+            }
+        }
+        gone
+    }
+
+    /// Gives a detection of this frame to the track that it belongs to, or a track of
+    /// its own.
+    fn merge(&mut self, d: &Detection) {
+        let same = |t: &&mut Track| t.detection.object == d.object;
+        if let Some(t) = self.tracks.iter_mut().filter(same).find(|t| t.seen && t.detection.is_twin(d)) {
+            // A second one on the same track is none.
+            if !t.claimed {
+                t.claimed = true;
+                let aligned = t.detection;
+                let better = if d.appearance.support > aligned.appearance.support { d } else { &aligned };
+                t.take(Detection {
+                    score: d.score.max(aligned.score),
+                    votes: d.votes,
+                    agreeing: d.agreeing,
+                    appearance: Appearance { chroma: d.appearance.chroma, ..better.appearance },
+                    ..*better
+                });
+            }
+            return;
+        }
+        let [x, y] = middle(d);
+        let distance = |t: &Track| {
+            let [u, v] = middle(&t.detection);
+            (u - x) * (u - x) + (v - y) * (v - y)
+        };
+        let nearest =
+            self.tracks.iter_mut().filter(same).filter(|t| !t.seen).min_by(|a, b| distance(a).total_cmp(&distance(b)));
+        if let Some(t) = nearest {
+            t.claimed = true;
+            t.take(*d);
+            return;
+        }
+        let new = Track {
+            id: self.next_id,
+            state: State::Lost,
+            detection: *d,
+            unseen: 1,
+            before: None,
+            seen: true,
+            claimed: true,
+        };
+        if self.tracks.is_full() {
+            // What has been lost longest makes room.
+            let oldest =
+                (0..self.tracks.len()).max_by_key(|&i| self.tracks[i].unseen + u32::from(!self.tracks[i].seen));
+            match oldest.filter(|&i| !self.tracks[i].seen) {
+                Some(i) => drop(self.tracks.swap_remove(i)),
+                None => return,
+            }
+        }
+        if self.tracks.push(new).is_ok() {
+            self.next_id = self.next_id.wrapping_add(1);
+        }
+    }
+
+    /// States of this frame from what was seen in it.
+    fn settle(&mut self) {
+        for t in &mut self.tracks {
+            t.state = match (t.seen, t.unseen) {
+                (true, 0) => State::Tracked,
+                (true, _) => State::Found,
+                (false, _) => State::Lost,
+            };
+            t.unseen = if t.seen { 0 } else { t.unseen + 1 };
+        }
+        self.tracks.retain(|t| t.unseen <= LOST_FRAMES);
+        self.tracks.sort_unstable_by(|a, b| {
+            let key = |t: &Track| if t.seen { t.detection.score } else { -(t.unseen as f32) };
+            key(b).total_cmp(&key(a))
+        });
+        // Two that have run onto one instance are one: the better stays.
+        let mut i = 0;
+        while i < self.tracks.len() {
+            let twin = |t: &Track| t.seen == self.tracks[i].seen && t.detection.is_twin(&self.tracks[i].detection);
+            if self.tracks[..i].iter().any(twin) {
+                self.tracks.remove(i);
+            } else {
+                i += 1;
+            }
+        }
+    }
+}
+
+/// Steps of the alignment of a pose that is nearly right; see `align`.
+const STEPS: [Refinement; 3] = [(2, 4, 4, 1.0), (1, 6, 2, 1.0), (0, 6, 2, 0.98)];
+
+/// Where the neighbourhood is looked through: px of [`GLANCE_LEVEL`] of the template
+/// each way.
+const GLANCE: i8 = 4;
+const GLANCE_LEVEL: usize = 2;
+
+/// Most that an area may change from one frame to the next.
+const MAX_GROWTH: f32 = 2.0;
+
+/// Where a track is in this frame; `None` when it does not look like it anywhere near.
+fn follow(view: &PyramidView<'_>, model: &Model<'_>, track: &Track, threshold: f32) -> Option<Detection> {
+    let last = &track.detection.homography;
+    if track.state == State::Lost {
+        return align(view, model, track, last, threshold);
+    }
+    let stay = STAY * threshold;
+    let predicted = track.predicted().unwrap_or(*last);
+    align(view, model, track, &predicted, stay).or_else(|| {
+        let near = glance(view, model, track, &predicted);
+        align(view, model, track, &near, stay)
+    })
+}
+
+/// Aligns a pose of a track with the frame; `None` below `least`.
+fn align(
+    view: &PyramidView<'_>,
+    model: &Model<'_>,
+    track: &Track,
+    start: &Homography,
+    least: f32,
+) -> Option<Detection> {
+    let last = &track.detection;
+    let o = model.object(usize::from(last.object));
+    let size = [o.width as f32, o.height as f32];
+    let homography = refine_by(&STEPS, view, &o.template, start, size);
+    let appearance = appearance_of_luma(view, &o.template, 0, &homography, size);
+    let d = Detection {
+        appearance,
+        score: score(&appearance),
+        votes: last.votes,
+        agreeing: last.agreeing,
+        ..Detection::at(model, last.object, &homography)
+    };
+    let growth = area(&d.corners) / area(&last.corners);
+    let believed = d.score >= least
+        && is_plausible(&d.corners, MIN_AREA_PX, MAX_RATIO)
+        && (1.0 / MAX_GROWTH..MAX_GROWTH).contains(&growth);
+    believed.then_some(d)
+}
+
+/// The shift of a pose under which the frame looks most like the object.
+fn glance(view: &PyramidView<'_>, model: &Model<'_>, track: &Track, start: &Homography) -> Homography {
+    let o = model.object(usize::from(track.detection.object));
+    let size = [o.width as f32, o.height as f32];
+    let t = o.template.luma(GLANCE_LEVEL);
+    let step = math::sqrt(area(&start.outline(size[0], size[1])).abs() / (t.width() * t.height()) as f32);
+    let mut best = (*start, 0.0);
+    for y in -GLANCE..=GLANCE {
+        for x in -GLANCE..=GLANCE {
+            let shift = Homography::affine([1.0, 0.0, f32::from(x) * step, 0.0, 1.0, f32::from(y) * step]);
+            let h = shift.after(start);
+            let support = appearance_of_luma(view, &o.template, GLANCE_LEVEL, &h, size).support;
+            if support > best.1 {
+                best = (h, support);
+            }
+        }
+    }
+    best.0.normalised()
+}
+
+/// Estimate of the probability that a followed pose is right.
+fn score(a: &Appearance) -> f32 {
+    if a.blocks < 4 {
+        return 0.0;
+    }
+    let logit = 6.0 * math::ln(1.0 + a.support) + 3.0 * (math::ln(1.0 + f32::from(a.inside)) - math::ln(37.0)) - 9.0;
+    1.0 / (1.0 + math::exp(-logit))
+}
+
+/// Middle of an outline, frame px.
+fn middle(d: &Detection) -> [f32; 2] {
+    [0, 1].map(|i| d.corners.iter().map(|c| c[i]).sum::<f32>() / 4.0)
+}
