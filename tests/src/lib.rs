@@ -2,6 +2,7 @@
 //! model's sections, worked out from `docs/model-format.md` and not from core.
 
 pub mod boards;
+pub mod motion;
 
 use std::path::{Path, PathBuf};
 

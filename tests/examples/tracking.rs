@@ -1,0 +1,231 @@
+//! Following beside searching, on the same frames.
+//!
+//!     cargo run --release -p keygraph-tests --example tracking [TRUTH.json ...]
+//!
+//! In: rendered sequences, and truth files of videos: a list of `{"name", "model":
+//! picture, "frames": [{"image", "H"}]}`, paths relative to the file, frames in order,
+//! H from picture px to frame px. Out: a table.
+//!
+//! Found: a mean corner distance under 10 % of the object's size. Error and jitter are
+//! in px: the median distance of a corner from the truth, and the mean second
+//! difference of corners from frame to frame, of what is left after the truth is taken
+//! away (rendered) or of the corners themselves (video). Back: most frames from when
+//! half of the object is seen again until it is found. Times are in-process, one
+//! thread, from decoded pixels to detections.
+//!
+//! Cost: some minutes; the untracked detector takes most of it.
+#![allow(clippy::unwrap_used, clippy::panic, clippy::cast_possible_truncation, clippy::print_stdout)]
+
+use std::path::Path;
+
+use keygraph::input::{Picture, read_picture};
+use keygraph::learn::{Preset, train};
+use keygraph::render::{RIGHT, corner_error};
+use keygraph::search::{Found, Profile, follow, search};
+use keygraph_core::detect::DEFAULT_THRESHOLD;
+use keygraph_core::geometry::Homography;
+use keygraph_core::model::Model;
+use keygraph_core::track::Tracker;
+use keygraph_tests::motion::{Motion, Sequence, astronaut};
+use serde_json::Value;
+
+type Outline = [[f32; 2]; 4];
+
+/// How one way of detecting fared over a sequence.
+#[derive(Default)]
+struct Tally {
+    shown: usize,
+    found: usize,
+    wrong: usize,
+    errors: Vec<f32>,
+    /// Corners of the last two frames less the truth's, for each copy.
+    before: Vec<[Option<Outline>; 2]>,
+    bends: Vec<f32>,
+    /// Frames that each copy has been seen and not found.
+    waiting: Vec<usize>,
+    /// Whether it has been away since it was found.
+    away: Vec<bool>,
+    back: usize,
+    searched_ms: Vec<f32>,
+    followed_ms: Vec<f32>,
+    ids: Vec<u32>,
+}
+
+impl Tally {
+    /// Adds a frame; of `copies`, outlines and the part seen, those half seen should be
+    /// found. With `relative`, jitter is that of the corners less the truth.
+    fn add(&mut self, found: &Found, copies: &[(Outline, f32)], relative: bool) {
+        let ms = found.total_ns as f32 / 1e6;
+        let tracking = found.tracking.as_ref();
+        if tracking.is_none_or(|t| t.searched) {
+            self.searched_ms.push(ms)
+        } else {
+            self.followed_ms.push(ms)
+        }
+        for id in tracking.iter().flat_map(|t| &t.seen).map(|s| s.0) {
+            if !self.ids.contains(&id) {
+                self.ids.push(id);
+            }
+        }
+        self.before.resize(copies.len(), [None; 2]);
+        self.waiting.resize(copies.len(), 0);
+        self.away.resize(copies.len(), false);
+        let mut right = 0;
+        for (c, (truth, part)) in copies.iter().enumerate() {
+            let it = found.detections.iter().map(|d| d.corners).find(|d| corner_error(d, truth) < RIGHT);
+            right += usize::from(it.is_some());
+            if *part >= 0.5 {
+                self.shown += 1;
+                self.found += usize::from(it.is_some());
+                self.waiting[c] = if it.is_some() { 0 } else { self.waiting[c] + 1 };
+                if self.away[c] {
+                    self.back = self.back.max(self.waiting[c]);
+                }
+                self.away[c] &= it.is_none();
+            } else {
+                self.away[c] |= it.is_none();
+                self.waiting[c] = 0;
+            }
+            let rest = it.map(|d| {
+                let minus = |i: usize, k: usize| d[i][k] - if relative { truth[i][k] } else { 0.0 };
+                core::array::from_fn(|i| [minus(i, 0), minus(i, 1)])
+            });
+            if let Some(d) = it {
+                let distance = |(a, b): (&[f32; 2], &[f32; 2])| (a[0] - b[0]).hypot(a[1] - b[1]);
+                self.errors.push(d.iter().zip(truth).map(distance).sum::<f32>() / 4.0);
+            }
+            if let ([Some(a), Some(b)], Some(c)) = (self.before[c], rest) {
+                let bend = |i: usize| {
+                    let at = |k: usize| a[i][k] - 2.0 * b[i][k] + c[i][k];
+                    at(0).hypot(at(1))
+                };
+                self.bends.push((0..4).map(bend).sum::<f32>() / 4.0);
+            }
+            self.before[c] = [self.before[c][1], rest];
+        }
+        self.wrong += found.detections.len() - right;
+    }
+
+    fn print(&self, name: &str, how: &str) {
+        let median = |v: &[f32]| {
+            let mut v = v.to_vec();
+            v.sort_unstable_by(f32::total_cmp);
+            v.get(v.len() / 2).copied().unwrap_or(f32::NAN)
+        };
+        let mean = self.bends.iter().sum::<f32>() / self.bends.len() as f32;
+        println!(
+            "{name:16} {how:9} {:5} {:5} {:5} {:6.3} {mean:6.3} {:4} {:5} {:8} {:6.1} {:8} {:6.2}",
+            self.shown,
+            self.found,
+            self.wrong,
+            median(&self.errors),
+            self.back,
+            self.ids.len(),
+            self.searched_ms.len(),
+            median(&self.searched_ms),
+            self.followed_ms.len(),
+            median(&self.followed_ms),
+        );
+    }
+}
+
+/// Both ways over the frames that `shot` gives.
+fn compare(
+    name: &str,
+    model: &Model<'_>,
+    frames: usize,
+    relative: bool,
+    shot: impl Fn(usize) -> (Picture, Vec<(Outline, f32)>),
+) {
+    let (mut tracked, mut untracked) = (Tally::default(), Tally::default());
+    let mut tracker = Tracker::new();
+    for i in 0..frames {
+        let (picture, copies) = shot(i);
+        let f = follow(&picture, model, &Request::new(Profile::Vga, DEFAULT_THRESHOLD), 0, &mut tracker).unwrap();
+        tracked.add(&f, &copies, relative);
+        let f = search(&picture, model, Profile::Vga, DEFAULT_THRESHOLD, false, 1).unwrap();
+        untracked.add(&f, &copies, relative);
+    }
+    untracked.print(name, "searched");
+    tracked.print(name, "tracked");
+}
+
+/// A thousand frames: does the error grow, and how far do corners that stand still
+/// move?
+fn drift(model: &Model<'_>, picture: &Picture, motion: Motion, noise: f32) {
+    let sequence = Sequence::new(picture, motion, noise, 7);
+    let mut tracker = Tracker::new();
+    let mut offsets: Vec<Outline> = Vec::new();
+    for i in 0..1000 {
+        let shot = sequence.shot(i);
+        let f = follow(&shot.picture, model, &Request::new(Profile::Vga, DEFAULT_THRESHOLD), 0, &mut tracker).unwrap();
+        let Some(d) = f.detections.first() else { continue };
+        let truth = shot.copies[0].0;
+        offsets.push(core::array::from_fn(|i| [0, 1].map(|k| d.corners[i][k] - truth[i][k])));
+    }
+    let rms = |part: &[Outline], zero: &Outline| {
+        let square = |o: &Outline| {
+            (0..4).map(|i| (0..2).map(|k| (o[i][k] - zero[i][k]) * (o[i][k] - zero[i][k])).sum::<f32>()).sum::<f32>()
+                / 4.0
+        };
+        (part.iter().map(square).sum::<f32>() / part.len() as f32).sqrt()
+    };
+    let mean: Outline =
+        core::array::from_fn(|i| [0, 1].map(|k| offsets.iter().map(|o| o[i][k]).sum::<f32>() / offsets.len() as f32));
+    let zero = [[0.0; 2]; 4];
+    let n = offsets.len();
+    println!(
+        "{motion:?}, noise {noise}: {n} of 1000 frames; error of the first 100 {:.3} px, of the last 100 {:.3} px; about their mean offset {:.3} px",
+        rms(&offsets[..100], &zero),
+        rms(&offsets[n - 100..], &zero),
+        rms(&offsets, &mean)
+    );
+}
+
+fn outline(h: &Value, w: f32, ht: f32) -> Option<Outline> {
+    let flat = |v: &Value| v.as_array().cloned().unwrap_or_else(|| vec![v.clone()]);
+    let numbers: Vec<f32> = h.as_array()?.iter().flat_map(flat).map(|v| v.as_f64().unwrap() as f32).collect();
+    Some(Homography(numbers.try_into().unwrap()).outline(w, ht))
+}
+
+/// A truth file: searched and tracked.
+fn video(path: &Path) {
+    let text = std::fs::read_to_string(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
+    let folder = path.parent().unwrap();
+    let truth: Value = serde_json::from_str(&text).unwrap();
+    for object in truth.as_array().unwrap() {
+        let name = object["name"].as_str().unwrap();
+        let picture = read_picture(&folder.join(object["model"].as_str().unwrap())).unwrap();
+        let (model, _) = train(&picture, name, Preset::Large, false).unwrap();
+        let frames = object["frames"].as_array().unwrap();
+        compare(name, &Model::parse(&model).unwrap(), frames.len(), false, |i| {
+            let frame = read_picture(&folder.join(frames[i]["image"].as_str().unwrap())).unwrap();
+            let truth = outline(&frames[i]["H"], picture.width as f32, picture.height as f32);
+            (frame, truth.into_iter().map(|o| (o, 1.0)).collect())
+        });
+    }
+}
+
+fn main() {
+    let sets: Vec<String> = std::env::args().skip(1).collect();
+    println!(
+        "{:16} {:9} {:>5} {:>5} {:>5} {:>6} {:>6} {:>4} {:>5} {:>8} {:>6} {:>8} {:>6}",
+        "sequence", "", "shown", "found", "wrong", "error", "jitter", "back", "ids", "searched", "ms", "followed", "ms"
+    );
+    if sets.is_empty() {
+        let picture = astronaut();
+        let (model, _) = train(&picture, "astronaut", Preset::Large, false).unwrap();
+        let model = Model::parse(&model).unwrap();
+        for motion in Motion::ALL {
+            let sequence = Sequence::new(&picture, motion, 5.0, 7);
+            compare(&format!("{motion:?}").to_lowercase(), &model, 120, true, |i| {
+                let shot = sequence.shot(i);
+                (shot.picture, shot.copies)
+            });
+        }
+        for (motion, noise) in [(Motion::Still, 5.0), (Motion::Still, 15.0), (Motion::Slow, 5.0)] {
+            drift(&model, &picture, motion, noise);
+        }
+    }
+    sets.iter().for_each(|s| video(Path::new(s)));
+}
