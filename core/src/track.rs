@@ -4,14 +4,16 @@
 //! with an id that it keeps. An instance that was seen in the frame before is aligned
 //! to this one (`align`), starting where its motion leads; that needs luma alone and a
 //! few per cent of what a search costs. A frame is searched (`detect`) only when
-//! nothing is in sight, when an instance could not be followed or has been lost for
-//! less than [`LOST_FRAMES`], and else every [`SEARCH_EVERY`] frames, so that new
-//! instances appear.
+//! nothing is in sight, when an instance could not be followed for sure or has been
+//! lost for less than [`LOST_FRAMES`], and else every [`SEARCH_EVERY`] frames, so that
+//! new instances appear.
 //!
 //! Every frame is aligned to the template and not to the frame before: errors do not
-//! add up. To appear an instance must reach the caller's threshold; to stay it needs
-//! [`STAY`] of it, so that one at the threshold does not flicker. What can neither be
-//! followed nor found is lost, and said to be.
+//! add up. To appear an instance must reach the caller's threshold. To stay without a
+//! search it must score [`SURE`]; if it does not the frame is searched, and what the
+//! search finds counts. Where that is nothing [`STAY`] of the threshold is enough, so
+//! that an instance that is half hidden does not flicker. What can neither be followed
+//! nor found is lost, and said to be.
 //!
 //! Memory: some 3 KB in [`Tracker`], beside the detector, whose buffers it uses.
 //! Cost: conversion and pyramid of luma, and for each track some 25,000 bilinear
@@ -42,6 +44,10 @@ pub const LOST_FRAMES: u32 = 30;
 
 /// Part of the threshold that an instance needs to stay.
 pub const STAY: f32 = 0.5;
+
+/// Score from which on a followed pose is believed without a search: no wrong one of
+/// those that the score was fitted to reached it, and 5 of 116 right ones did not.
+pub const SURE: f32 = 0.8;
 
 /// How an instance stands in the last frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -76,6 +82,11 @@ pub struct Track {
 }
 
 impl Track {
+    /// Whether it is where it was followed to, or where the search found it.
+    fn is_certain(&self) -> bool {
+        self.seen && (self.claimed || self.detection.score >= SURE)
+    }
+
     /// Takes a pose in this frame.
     fn take(&mut self, d: Detection) {
         if !self.seen {
@@ -197,16 +208,16 @@ impl Tracker {
         &self.stats
     }
 
-    /// Follows every track; true when one that was seen in the frame before is not any
-    /// more.
+    /// Follows every track; true when one that was seen in the frame before is not for
+    /// sure any more.
     fn follow_all(&mut self, view: &PyramidView<'_>, model: &Model<'_>, threshold: f32) -> bool {
         let mut gone = false;
         for t in &mut self.tracks {
             (t.seen, t.claimed) = (false, false);
-            match follow(view, model, t, threshold) {
-                Some(d) => t.take(d),
-                None => gone |= t.state != State::Lost,
+            if let Some(d) = follow(view, model, t, threshold) {
+                t.take(d);
             }
+            gone |= t.state != State::Lost && !t.is_certain();
         }
         gone
     }
@@ -236,8 +247,12 @@ impl Tracker {
             let [u, v] = middle(&t.detection);
             (u - x) * (u - x) + (v - y) * (v - y)
         };
-        let nearest =
-            self.tracks.iter_mut().filter(same).filter(|t| !t.seen).min_by(|a, b| distance(a).total_cmp(&distance(b)));
+        let nearest = self
+            .tracks
+            .iter_mut()
+            .filter(same)
+            .filter(|t| !t.is_certain())
+            .min_by(|a, b| distance(a).total_cmp(&distance(b)));
         if let Some(t) = nearest {
             t.claimed = true;
             t.take(*d);
@@ -309,14 +324,17 @@ const MAX_GROWTH: f32 = 2.0;
 fn follow(view: &PyramidView<'_>, model: &Model<'_>, track: &Track, threshold: f32) -> Option<Detection> {
     let last = &track.detection.homography;
     if track.state == State::Lost {
-        return align(view, model, track, last, threshold);
+        return align(view, model, track, last, threshold.max(SURE));
     }
     let stay = STAY * threshold;
     let predicted = track.predicted().unwrap_or(*last);
-    align(view, model, track, &predicted, stay).or_else(|| {
-        let near = glance(view, model, track, &predicted);
-        align(view, model, track, &near, stay)
-    })
+    let straight = align(view, model, track, &predicted, stay);
+    if straight.is_some_and(|d| d.score >= SURE) {
+        return straight;
+    }
+    let near = align(view, model, track, &glance(view, model, track, &predicted), stay);
+    let score = |d: &Option<Detection>| d.map_or(-1.0, |d| d.score);
+    if score(&near) > score(&straight) { near } else { straight }
 }
 
 /// Aligns a pose of a track with the frame; `None` below `least`.
@@ -366,12 +384,14 @@ fn glance(view: &PyramidView<'_>, model: &Model<'_>, track: &Track, start: &Homo
     best.0.normalised()
 }
 
-/// Estimate of the probability that a followed pose is right.
+/// Estimate of the probability that a followed pose is right: a logistic regression
+/// over 116 right and 320 wrong ones, of rendered and real frames in which the object
+/// moved, was hidden, changed its light, or left.
 fn score(a: &Appearance) -> f32 {
     if a.blocks < 4 {
         return 0.0;
     }
-    let logit = 6.0 * math::ln(1.0 + a.support) + 3.0 * (math::ln(1.0 + f32::from(a.inside)) - math::ln(37.0)) - 9.0;
+    let logit = 6.0 * math::ln(1.0 + a.support) + 2.0 * (math::ln(1.0 + f32::from(a.inside)) - math::ln(37.0)) - 10.4;
     1.0 / (1.0 + math::exp(-logit))
 }
 
