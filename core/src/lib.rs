@@ -21,7 +21,8 @@
 //! A file is a stage, they are declared here in the order in which a frame flows
 //! through them, and a file imports only from files above it. Every stage can be
 //! used alone; [`detect::Detector`] owns the buffers and runs them all, and
-//! [`detect::Finder`] lets other corners and other triples in.
+//! [`detect::Finder`] lets other corners and other triples in. [`track::Tracker`] follows
+//! what was found from frame to frame, for a small part of the cost.
 //!
 //! ```
 //! use std::sync::Mutex;

@@ -17,13 +17,13 @@
 //!
 //! Memory: some 3 KB in [`Tracker`], beside the detector, whose buffers it uses.
 //! Cost: conversion and pyramid of luma, and for each track some 25,000 bilinear
-//! samples. Full: of more than [`TRACKS`] instances those with the best scores are
-//! followed, and the others found again by every search.
+//! samples. Full: beyond [`TRACKS`] instances, those that have been lost longest make
+//! room; where none is lost a new one is dropped, and counted.
 
 use heapless::Vec;
 
 use crate::align::{Appearance, Refinement, appearance_of_luma, is_plausible, refine_by};
-use crate::capacity::Stage;
+use crate::capacity::{DETECTIONS, Stage};
 use crate::detect::{Detection, Detector, MAX_RATIO, MIN_AREA_PX, Observer, Stats};
 use crate::frame::{Frame, FrameError};
 use crate::geometry::{Homography, area};
@@ -178,7 +178,7 @@ impl Tracker {
         self.since_search += 1;
         if due || gone {
             self.since_search = 0;
-            detector.detections().iter().for_each(|d| self.merge(d));
+            self.merge(detector.detections());
         }
         self.settle();
         Ok(&self.tracks)
@@ -222,26 +222,40 @@ impl Tracker {
         gone
     }
 
-    /// Gives a detection of this frame to the track that it belongs to, or a track of
-    /// its own.
-    fn merge(&mut self, d: &Detection) {
-        let same = |t: &&mut Track| t.detection.object == d.object;
-        if let Some(t) = self.tracks.iter_mut().filter(same).find(|t| t.seen && t.detection.is_twin(d)) {
-            // A second one on the same track is none.
-            if !t.claimed {
-                t.claimed = true;
-                let aligned = t.detection;
-                let better = if d.appearance.support > aligned.appearance.support { d } else { &aligned };
-                t.take(Detection {
-                    score: d.score.max(aligned.score),
-                    votes: d.votes,
-                    agreeing: d.agreeing,
-                    appearance: Appearance { chroma: d.appearance.chroma, ..better.appearance },
-                    ..*better
-                });
-            }
-            return;
+    /// Gives the detections of this frame to the tracks that they belong to, or to
+    /// tracks of their own.
+    fn merge(&mut self, detections: &[Detection]) {
+        const { assert!(DETECTIONS <= 32, "a bit for each detection: widen `taken`") };
+        // Those that confirm a track first, so that none of the others takes it.
+        let taken = detections.iter().enumerate().fold(0u32, |t, (i, d)| t | u32::from(self.confirm(d)) << i);
+        for (_, d) in detections.iter().enumerate().filter(|(i, _)| taken >> i & 1 == 0) {
+            self.assign(d);
         }
+    }
+
+    /// Whether a track has been followed to where this detection is, which then speaks
+    /// for it.
+    fn confirm(&mut self, d: &Detection) -> bool {
+        let Some(t) = self.tracks.iter_mut().find(|t| t.seen && t.detection.is_twin(d)) else { return false };
+        // A second one on the same track is none.
+        if !t.claimed {
+            t.claimed = true;
+            let aligned = t.detection;
+            let better = if d.appearance.support > aligned.appearance.support { d } else { &aligned };
+            t.take(Detection {
+                score: d.score.max(aligned.score),
+                votes: d.votes,
+                agreeing: d.agreeing,
+                appearance: Appearance { chroma: d.appearance.chroma, ..better.appearance },
+                ..*better
+            });
+        }
+        true
+    }
+
+    /// Gives a detection to the nearest track of its object that was not followed for
+    /// sure, or to a new one.
+    fn assign(&mut self, d: &Detection) {
         let [x, y] = middle(d);
         let distance = |t: &Track| {
             let [u, v] = middle(&t.detection);
@@ -250,7 +264,7 @@ impl Tracker {
         let nearest = self
             .tracks
             .iter_mut()
-            .filter(same)
+            .filter(|t| t.detection.object == d.object)
             .filter(|t| !t.is_certain())
             .min_by(|a, b| distance(a).total_cmp(&distance(b)));
         if let Some(t) = nearest {
@@ -273,7 +287,10 @@ impl Tracker {
                 (0..self.tracks.len()).max_by_key(|&i| self.tracks[i].unseen + u32::from(!self.tracks[i].seen));
             match oldest.filter(|&i| !self.tracks[i].seen) {
                 Some(i) => drop(self.tracks.swap_remove(i)),
-                None => return,
+                None => {
+                    self.stats.stages[Stage::Accept as usize].dropped += 1;
+                    return;
+                }
             }
         }
         if self.tracks.push(new).is_ok() {
@@ -398,4 +415,141 @@ fn score(a: &Appearance) -> f32 {
 /// Middle of an outline, frame px.
 fn middle(d: &Detection) -> [f32; 2] {
     [0, 1].map(|i| d.corners.iter().map(|c| c[i]).sum::<f32>() / 4.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::detect::{DEFAULT_THRESHOLD, QqvgaDetector};
+    use crate::feature::FeatureKind;
+    use crate::frame::PixelFormat;
+    use crate::model::Method;
+    use crate::train::{QqvgaTrainer, TrainParams, ViewSpec};
+    use std::prelude::rust_2024::*;
+    use std::vec;
+    use std::vec::Vec;
+
+    const W: usize = 160;
+    const H: usize = 120;
+
+    /// Brightness of a picture of `W` x `H` px: random blocks of 10 px.
+    fn blocks(x: usize, y: usize) -> u8 {
+        let mut seed = (y / 10 * 16 + x / 10) as u32 + 1;
+        for _ in 0..3 {
+            seed = (seed ^ seed >> 15).wrapping_mul(0x2c1b_3c6d);
+        }
+        (seed >> 24) as u8
+    }
+
+    fn model() -> Vec<u8> {
+        let picture: Vec<u8> = (0..W * H).map(|i| blocks(i % W, i / W)).collect();
+        let view = |side_px| ViewSpec { side_px, squeeze: 1.0, direction_deg: 0.0, keypoints: 60 };
+        let params = TrainParams {
+            name: "blocks",
+            method: Method::Keygraph,
+            feature: FeatureKind::Luma,
+            views: &[view(96.0), view(80.0)],
+            max_keygraphs: 4000,
+            max_per_cell: 100,
+        };
+        let mut bytes = vec![0; 128 << 10];
+        let frame = Frame::new(PixelFormat::Gray8, W, H, &picture).unwrap();
+        let mut trainer: Box<QqvgaTrainer> = Box::default();
+        let trained = trainer.train(&frame, (160, 120), &params, &mut bytes).unwrap();
+        bytes.truncate(trained.bytes);
+        bytes
+    }
+
+    /// The picture at 0.6 of its size with its corner at each of these places, before
+    /// gray.
+    fn frame(places: &[[f32; 2]]) -> Vec<u8> {
+        let mut bytes = vec![128; W * H];
+        for (i, v) in bytes.iter_mut().enumerate() {
+            for p in places {
+                let at = [(i % W) as f32 - p[0], (i / W) as f32 - p[1]].map(|v| v / 0.6);
+                if at[0] >= 0.0 && at[1] >= 0.0 && at[0] < W as f32 && at[1] < H as f32 {
+                    *v = blocks(at[0] as usize, at[1] as usize);
+                }
+            }
+        }
+        bytes
+    }
+
+    struct Run {
+        model: Vec<u8>,
+        detector: Box<QqvgaDetector>,
+        tracker: Tracker,
+    }
+
+    impl Run {
+        fn new() -> Self {
+            Self { model: model(), detector: Box::default(), tracker: Tracker::new() }
+        }
+
+        fn step(&mut self, places: &[[f32; 2]]) -> Vec<Track> {
+            let bytes = frame(places);
+            let frame = Frame::new(PixelFormat::Gray8, W, H, &bytes).unwrap();
+            let model = Model::parse(&self.model).unwrap();
+            self.tracker.track(&mut self.detector, &frame, &model, DEFAULT_THRESHOLD, &mut || 0).unwrap().to_vec()
+        }
+    }
+
+    #[test]
+    fn what_moves_is_found_once_and_then_followed() {
+        let mut run = Run::new();
+        let mut searched = 0;
+        for i in 0..20u8 {
+            let x = 5.0 + 2.5 * f32::from(i);
+            let tracks = run.step(&[[x, 20.0]]);
+            assert_eq!(tracks.len(), 1, "frame {i}: {tracks:?}");
+            let t = &tracks[0];
+            assert_eq!((t.id, t.state), (0, if i == 0 { State::Found } else { State::Tracked }), "frame {i}");
+            let [u, v] = t.detection.corners[0];
+            assert!((u - x).abs() < 1.0 && (v - 20.0).abs() < 1.0, "frame {i}: {u} {v} for {x} 20");
+            searched += u32::from(run.tracker.searched());
+        }
+        assert_eq!(searched, 2, "the first frame and one in {SEARCH_EVERY}");
+    }
+
+    #[test]
+    fn what_goes_is_lost_at_once_and_forgotten_after_a_while() {
+        let mut run = Run::new();
+        let _ = run.step(&[[30.0, 20.0]]);
+        for unseen in 1..=LOST_FRAMES {
+            let tracks = run.step(&[]);
+            assert_eq!(tracks.iter().map(|t| (t.state, t.unseen)).collect::<Vec<_>>(), [(State::Lost, unseen)]);
+            assert!(run.tracker.is_searching() && run.tracker.searched());
+        }
+        assert!(run.step(&[]).is_empty());
+    }
+
+    #[test]
+    fn what_comes_back_elsewhere_keeps_its_id() {
+        let mut run = Run::new();
+        let _ = run.step(&[[5.0, 5.0]]);
+        let _ = run.step(&[]);
+        let tracks = run.step(&[[60.0, 45.0]]);
+        assert_eq!(tracks.iter().map(|t| (t.id, t.state)).collect::<Vec<_>>(), [(0, State::Found)]);
+        assert_eq!(run.step(&[[60.0, 45.0]])[0].state, State::Tracked);
+    }
+
+    #[test]
+    fn a_frame_that_is_too_large_changes_nothing() {
+        let mut run = Run::new();
+        let _ = run.step(&[[5.0, 5.0]]);
+        let bytes = vec![0; 2 * W * H];
+        let frame = Frame::new(PixelFormat::Gray8, 2 * W, H, &bytes).unwrap();
+        let model = Model::parse(&run.model).unwrap();
+        let result = run.tracker.track(&mut run.detector, &frame, &model, DEFAULT_THRESHOLD, &mut || 0);
+        assert!(matches!(result, Err(FrameError::TooLarge { .. })));
+        assert_eq!(run.tracker.tracks()[0].state, State::Found);
+    }
+
+    #[test]
+    fn the_score_grows_with_what_is_seen() {
+        let a = Appearance { blocks: 30, inside: 36, median: 0.5, support: 5.0, chroma: 0.0 };
+        assert!(score(&Appearance { support: 8.0, ..a }) > score(&a));
+        assert!(score(&a) > score(&Appearance { inside: 18, ..a }));
+        assert_eq!(score(&Appearance { blocks: 3, ..a }), 0.0, "too little to see");
+    }
 }

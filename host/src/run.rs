@@ -146,19 +146,23 @@ struct Trail {
 }
 
 impl Trail {
-    /// The tracker, which starts anew when `picture` is not of the same video, or not
-    /// of the same folder, as the one before, or has another size.
+    /// The tracker, which starts anew when `picture` belongs to another sequence than
+    /// the one before.
     fn tracker(&mut self, source: &str, kind: Kind, picture: &Picture) -> &mut Tracker {
-        let path = Path::new(source);
-        let folder = || path.parent().unwrap_or(path);
-        let of = if kind == Kind::Still { folder() } else { path };
-        let sequence = Some((of.into(), (picture.width, picture.height)));
+        let sequence = Some(sequence(source, kind, (picture.width, picture.height)));
         if self.sequence != sequence {
             self.tracker.reset();
             self.sequence = sequence;
         }
         &mut self.tracker
     }
+}
+
+/// What a frame is the next one of: a video, or the pictures of a folder, of one size.
+fn sequence(source: &str, kind: Kind, size: (u32, u32)) -> (PathBuf, (u32, u32)) {
+    let path = Path::new(source);
+    let of = if kind == Kind::Still { path.parent().unwrap_or(path) } else { path };
+    (of.into(), size)
 }
 
 /// [`search_one`], with a panic turned into an error of this frame alone.
@@ -239,4 +243,21 @@ pub fn draw(picture: &Picture, model: &Model<'_>, found: &Found) -> Canvas {
         draw_label(&mut canvas, o);
     }
     canvas
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pictures_of_a_folder_and_frames_of_a_video_are_sequences() {
+        const SIZE: (u32, u32) = (640, 480);
+        let video = Kind::Video { fps: (25, 1) };
+        let first = sequence("a/0001.png", Kind::Still, SIZE);
+        assert_eq!(first, sequence("a/0002.png", Kind::Still, SIZE));
+        assert_ne!(first, sequence("b/0002.png", Kind::Still, SIZE));
+        assert_ne!(first, sequence("a/0002.png", Kind::Still, (480, 640)));
+        assert_eq!(sequence("a.mp4", video, SIZE), sequence("a.mp4", video, SIZE));
+        assert_ne!(sequence("a.mp4", video, SIZE), sequence("b.mp4", video, SIZE));
+    }
 }

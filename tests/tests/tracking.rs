@@ -1,0 +1,102 @@
+//! Following what was found, on rendered sequences with known poses: it stays at its
+//! place, is told lost when it is gone, and found when it comes back.
+#![allow(clippy::unwrap_used, clippy::panic)]
+
+use std::sync::LazyLock;
+
+use keygraph::input::Picture;
+use keygraph::learn::{Preset, train};
+use keygraph::render::{RIGHT, corner_error};
+use keygraph::report::frame_line;
+use keygraph::search::{Found, Profile, follow};
+use keygraph_core::detect::DEFAULT_THRESHOLD;
+use keygraph_core::model::Model;
+use keygraph_core::track::{State, Tracker};
+use keygraph_tests::motion::{Motion, Sequence, Shot, astronaut};
+
+static PICTURE: LazyLock<Picture> = LazyLock::new(astronaut);
+static MODEL: LazyLock<Vec<u8>> = LazyLock::new(|| train(&PICTURE, "astronaut", Preset::Compact, false).unwrap().0);
+
+/// Frames of a sequence and what a tracker of its own says of them, with the detector
+/// of `slot`, which is this test's.
+fn run(motion: Motion, noise: f32, frames: impl Iterator<Item = usize>, slot: usize) -> Vec<(Shot, Found)> {
+    let sequence = Sequence::new(&PICTURE, motion, noise, 7);
+    let model = Model::parse(&MODEL).unwrap();
+    let mut tracker = Tracker::new();
+    let look = |i| {
+        let shot = sequence.shot(i);
+        let found =
+            follow(&shot.picture, &model, &Request::new(Profile::Vga, DEFAULT_THRESHOLD), slot, &mut tracker).unwrap();
+        (shot, found)
+    };
+    frames.map(look).collect()
+}
+
+fn is_right(shot: &Shot, found: &Found) -> bool {
+    found.detections.len() == shot.copies.len()
+        && shot.copies.iter().all(|(t, _)| found.detections.iter().any(|d| corner_error(&d.corners, t) < RIGHT))
+}
+
+fn searched(found: &Found) -> bool {
+    found.tracking.as_ref().unwrap().searched
+}
+
+#[test]
+fn corners_of_what_stands_still_jitter_by_less_than_a_third_of_a_pixel() {
+    let frames = run(Motion::Still, 8.0, 0..20, 0);
+    assert_eq!(frames.iter().filter(|(_, f)| searched(f)).count(), 2, "frames searched");
+    let n = frames.len() as f32;
+    for c in 0..4 {
+        for k in 0..2 {
+            let values: Vec<f32> = frames.iter().map(|(_, f)| f.detections[0].corners[c][k]).collect();
+            let mean = values.iter().sum::<f32>() / n;
+            let spread = (values.iter().map(|v| (v - mean) * (v - mean)).sum::<f32>() / n).sqrt();
+            assert!(spread < 0.3, "corner {c}: {spread} px");
+        }
+    }
+}
+
+#[test]
+fn what_moves_fast_is_followed() {
+    let frames = run(Motion::Fast, 5.0, 0..24, 1);
+    for (i, (shot, found)) in frames.iter().enumerate() {
+        assert!(is_right(shot, found), "frame {i}: {:?} for {:?}", found.detections, shot.copies);
+        assert_eq!(found.tracking.as_ref().unwrap().seen[0].0, 0, "frame {i}: the id");
+    }
+    let searches = frames.iter().filter(|(_, f)| searched(f)).count();
+    assert!(searches <= 6, "{searches} of 24 frames were searched");
+}
+
+#[test]
+fn what_leaves_is_lost_and_comes_back_with_its_id() {
+    // Whole until frame 35, gone by frame 59, whole again from frame 93.
+    let frames = run(Motion::Leaving, 5.0, (20..30).chain(59..63).chain(93..97), 2);
+    let model = Model::parse(&MODEL).unwrap();
+    for (i, (shot, found)) in frames.iter().enumerate() {
+        let line = frame_line("", 0, (640, 480), &model, found, None);
+        if (10..14).contains(&i) {
+            assert!(found.detections.is_empty(), "frame {i}: {:?}", found.detections);
+            assert_eq!((&line["state"], &line["searched"]), (&"searching".into(), &true.into()), "frame {i}");
+            assert_eq!((&line["lost"][0]["state"], &line["lost"][0]["id"]), (&"lost".into(), &0.into()), "frame {i}");
+            continue;
+        }
+        assert!(is_right(shot, found), "frame {i}: {:?} for {:?}", found.detections, shot.copies);
+        let state = if [0, 14].contains(&i) { "found" } else { "tracked" };
+        let entry = &line["detections"][0];
+        assert_eq!((&entry["state"], &entry["id"]), (&state.into(), &0.into()), "frame {i}");
+        assert_eq!(line["lost"].as_array().unwrap().len(), 0, "frame {i}");
+    }
+}
+
+#[test]
+fn two_copies_are_two_instances() {
+    let frames = run(Motion::Copies, 5.0, 0..12, 3);
+    for (i, (shot, found)) in frames.iter().enumerate() {
+        assert!(is_right(shot, found), "frame {i}: {:?} for {:?}", found.detections, shot.copies);
+        let tracking = found.tracking.as_ref().unwrap();
+        let mut ids: Vec<u32> = tracking.seen.iter().map(|s| s.0).collect();
+        ids.sort_unstable();
+        assert_eq!(ids, [0, 1], "frame {i}");
+        assert!(i == 0 || tracking.seen.iter().all(|s| s.1 == State::Tracked), "frame {i}: {tracking:?}");
+    }
+}
