@@ -2,8 +2,8 @@
 //!
 //! In: the frames of one camera in order, and a model. Out: tracks, each an instance
 //! with an id that it keeps. An instance that was seen in the frame before is aligned
-//! to this one (`align`), starting where its motion leads; that needs luma alone and a
-//! few per cent of what a search costs. A frame is searched (`detect`) only when
+//! to this one (`align`), starting where its motion leads; that needs luma alone and
+//! less than a tenth of what a search costs. A frame is searched (`detect`) only when
 //! nothing is in sight, when an instance could not be followed for sure or has been
 //! lost for less than [`LOST_FRAMES`], and else every [`SEARCH_EVERY`] frames, so that
 //! new instances appear.
@@ -16,7 +16,7 @@
 //! nor found is lost, and said to be.
 //!
 //! Memory: some 3 KB in [`Tracker`], beside the detector, whose buffers it uses.
-//! Cost: conversion and pyramid of luma, and for each track some 25,000 bilinear
+//! Cost: conversion and pyramid of luma, and for each track some 45,000 bilinear
 //! samples. Full: beyond [`TRACKS`] instances, those that have been lost longest make
 //! room; where none is lost a new one is dropped, and counted.
 
