@@ -21,7 +21,7 @@ use std::path::Path;
 use keygraph::input::{Picture, read_picture};
 use keygraph::learn::{Preset, train};
 use keygraph::render::{RIGHT, corner_error};
-use keygraph::search::{Found, Profile, follow, search};
+use keygraph::search::{Found, Profile, Request, follow, search};
 use keygraph_core::detect::DEFAULT_THRESHOLD;
 use keygraph_core::geometry::Homography;
 use keygraph_core::model::Model;

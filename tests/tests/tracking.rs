@@ -8,7 +8,7 @@ use keygraph::input::Picture;
 use keygraph::learn::{Preset, train};
 use keygraph::render::{RIGHT, corner_error};
 use keygraph::report::frame_line;
-use keygraph::search::{Found, Profile, follow};
+use keygraph::search::{Found, Profile, Request, follow};
 use keygraph_core::detect::DEFAULT_THRESHOLD;
 use keygraph_core::model::Model;
 use keygraph_core::track::{State, Tracker};
