@@ -16,6 +16,7 @@
 //! - [`assess`]: how well a picture will be found, before it is used
 //! - [`report`]: results as JSON
 //! - [`run`], [`gallery`]: many frames at once, and where their pictures go
+//! - [`camera`]: live, in front of a camera
 //! - [`demo`]: the whole path on the pictures of the repository
 
 pub mod picture;
@@ -35,4 +36,5 @@ pub mod assess;
 pub mod report;
 pub mod run;
 pub mod gallery;
+pub mod camera;
 pub mod demo;

@@ -1,5 +1,5 @@
 //! The command line: `keygraph train`, `pack`, `inspect`, `assess`,
-//! `detect`, `demo`.
+//! `detect`, `camera`, `demo`.
 //!
 //! Exit status 0 when all went well, 1 when something could not be read, trained
 //! or written (what could be done is done), 2 for a wrong command line.
@@ -13,6 +13,8 @@ use anyhow::{Context, Result, bail, ensure};
 use clap::error::ErrorKind;
 use clap::{CommandFactory, Parser, Subcommand};
 use keygraph::assess::{self, Assessment, Cell, assess, frames};
+use keygraph::camera::arguments::Arguments;
+use keygraph::camera::camera;
 use keygraph::gallery::Gallery;
 use keygraph::heat::Heat;
 use keygraph::input::{Picture, Source};
@@ -167,6 +169,11 @@ enum Command {
         #[arg(long, value_name = "[NAME=]W", requires = "intrinsics", allow_hyphen_values = true)]
         width_mm: Vec<Width>,
     },
+    /// Find the objects of models in front of a camera, live
+    ///
+    /// Prints JSON lines, serves a page that shows what is seen and learns objects
+    /// that are held up, and goes on until it is told to stop.
+    Camera(Box<Arguments>),
     /// Train on the repository's pictures and find them in its sequence
     Demo {
         /// The repository's assets
@@ -261,6 +268,7 @@ fn dispatch(command: Command) -> Result<ExitCode> {
             let calibration = intrinsics.map(|i| (i, width_mm));
             return detect(&models, &inputs, json, annotate.as_deref(), &options, calibration);
         }
+        Command::Camera(arguments) => camera(&arguments)?,
         Command::Demo { assets, out } => {
             demo::demo(&assets, &out)?;
         }

@@ -107,7 +107,7 @@ pub fn prepare(picture: &Picture, profile: Profile, format: Option<SensorFormat>
 }
 
 /// What was found in one frame, in px of the input.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Found {
     /// Detections, best score first.
     pub detections: Vec<Detection>,
@@ -117,6 +117,8 @@ pub struct Found {
     pub total_ns: u64,
     /// Corners of the frame, if asked for.
     pub corners: Vec<[f32; 2]>,
+    /// Triangles of the frame that were classified, if asked for.
+    pub keygraphs: Vec<[[f32; 2]; 3]>,
     /// Triangles that agree with each detection, if asked for.
     pub supporters: Vec<Vec<[[f32; 2]; 3]>>,
     /// A digest of each stage's output, if asked for.
@@ -145,6 +147,7 @@ impl Found {
             stats,
             total_ns: 0,
             corners: Vec::new(),
+            keygraphs: Vec::new(),
             supporters: Vec::new(),
             digests: None,
             tracking: None,
@@ -165,7 +168,8 @@ impl Found {
             d.homography = back.after(&d.homography).normalised();
             d.corners = d.corners.map(|p| back.apply(p));
         }
-        for p in self.corners.iter_mut().chain(self.supporters.iter_mut().flatten().flatten()) {
+        let triangles = self.keygraphs.iter_mut().chain(self.supporters.iter_mut().flatten());
+        for p in self.corners.iter_mut().chain(triangles.flatten()) {
             *p = back.apply(*p);
         }
     }
@@ -178,7 +182,7 @@ pub struct Request {
     pub profile: Profile,
     /// Least score of a detection.
     pub threshold: f32,
-    /// Whether to tell corners and supporters.
+    /// Whether to tell corners, keygraphs and supporters.
     pub details: bool,
     /// The format of the sensor that is to be stood in for; else the pixels are taken
     /// as they were decoded.
@@ -245,6 +249,7 @@ macro_rules! engine {
                 let mut found = Found { digests: watch.digests, ..Found::new(detections, *self.stats()) };
                 if request.details {
                     found.corners = self.corners().collect();
+                    found.keygraphs = self.keygraphs().collect();
                     found.supporters = found.detections.iter().map(|d| self.supporters(model, d).collect()).collect();
                 }
                 Ok(found)
@@ -257,6 +262,7 @@ macro_rules! engine {
                 let mut found = Found::new(seen.iter().map(|t| t.detection).collect(), *tracker.stats());
                 if request.details {
                     found.corners = self.corners().collect();
+                    found.keygraphs = self.keygraphs().collect();
                     found.supporters = found.detections.iter().map(|d| self.supporters(model, d).collect()).collect();
                 }
                 let seen = seen.iter().map(|t| (t.id, t.state)).collect();

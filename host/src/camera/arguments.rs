@@ -1,0 +1,82 @@
+//! The command line of `keygraph camera`.
+//!
+//! In: words. Out: [`Arguments`]. Costs nothing.
+
+use std::net::SocketAddr;
+use std::path::PathBuf;
+
+use keygraph_core::detect::DEFAULT_THRESHOLD;
+use tracing::level_filters::LevelFilter;
+
+use super::mode::Format;
+use crate::search::Profile;
+
+/// What `keygraph camera` is asked to do.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Arguments {
+    /// List cameras, their formats, sizes and rates
+    #[arg(long)]
+    pub list: bool,
+    /// The camera [default: the first that gives pictures]
+    #[arg(long, value_name = "/dev/videoN|N", conflicts_with = "replay")]
+    pub device: Option<String>,
+    /// A video or a folder of pictures in place of a camera, again and again
+    #[arg(long, value_name = "VIDEO|FOLDER")]
+    pub replay: Option<PathBuf>,
+    /// Size to ask the camera for [default: the nearest to 640x480]
+    #[arg(long, value_name = "WxH", value_parser = size, conflicts_with = "replay")]
+    pub size: Option<(u32, u32)>,
+    /// Pixel format to ask the camera for: YUYV, MJPG or GREY [default: the one with the highest rate]
+    #[arg(long, value_name = "FOURCC", conflicts_with = "replay")]
+    pub format: Option<Format>,
+    /// Frames a second [default: the camera's highest, the file's own]
+    #[arg(long, value_parser = rate)]
+    pub fps: Option<f64>,
+    /// Keep exposure and gain as they are two seconds after the start
+    #[arg(long, conflicts_with = "replay")]
+    pub lock_exposure: bool,
+    /// Keep the white balance as it is two seconds after the start
+    #[arg(long, conflicts_with = "replay")]
+    pub lock_white_balance: bool,
+    /// Model with the objects to find; several are searched at once
+    #[arg(short, long = "model", value_name = "MODEL.kgm")]
+    pub models: Vec<PathBuf>,
+    /// Size that frames are searched at; larger ones are scaled down
+    #[arg(long, value_enum, default_value = "vga")]
+    pub profile: Profile,
+    /// Least score of a detection, 0 to 1
+    #[arg(long, default_value_t = DEFAULT_THRESHOLD, value_parser = score)]
+    pub threshold: f32,
+    /// Serve a page that shows what the camera sees [default address: 127.0.0.1:8080]
+    #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = "127.0.0.1:8080")]
+    pub web: Option<SocketAddr>,
+    /// What the page and its users must know [default: none on 127.0.0.1, else random]
+    #[arg(long, requires = "web", env = "KEYGRAPH_TOKEN", hide_env_values = true)]
+    pub token: Option<String>,
+    /// Publish what is found to a broker: mqtt://[USER:PASSWORD@]HOST[:PORT][/PREFIX]
+    #[arg(long, value_name = "URL", env = "KEYGRAPH_MQTT", hide_env_values = true)]
+    pub mqtt: Option<String>,
+    /// Print one JSON line a frame
+    #[arg(long)]
+    pub json: bool,
+    /// End after so many frames
+    #[arg(long, value_name = "N")]
+    pub frames: Option<u64>,
+    /// What to log: error, warn, info, debug or trace
+    #[arg(long, value_name = "LEVEL", default_value = "info", env = "KEYGRAPH_LOG")]
+    pub log: LevelFilter,
+}
+
+fn size(s: &str) -> Result<(u32, u32), String> {
+    let parts = s.split_once(['x', 'X']).and_then(|(w, h)| Some((w.parse().ok()?, h.parse().ok()?)));
+    parts.filter(|&(w, h)| w >= 16 && h >= 16).ok_or_else(|| "a size is like 640x480, at least 16x16".into())
+}
+
+fn rate(s: &str) -> Result<f64, String> {
+    let rate = s.parse().ok().filter(|r| (0.1..=10_000.0).contains(r));
+    rate.ok_or_else(|| "a rate lies between 0.1 and 10000 frames a second".into())
+}
+
+fn score(s: &str) -> Result<f32, String> {
+    s.parse().ok().filter(|v| (0.0..=1.0).contains(v)).ok_or_else(|| "a score lies between 0 and 1".into())
+}

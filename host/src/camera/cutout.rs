@@ -1,0 +1,130 @@
+//! The object out of a frame: what lies within an outline, straightened.
+//!
+//! In: a frame, and the outline that someone drew around the object. Out: the picture
+//! of the object from the front. The map from the picture onto the outline is the one
+//! homography that carries the corners of a rectangle to the four points (P. Heckbert,
+//! "Fundamentals of Texture Mapping and Image Warping", 1989, section 2.2.3), sampled
+//! bilinearly. The sides of the picture are the means of opposite sides of the outline.
+//!
+//! Memory: the picture. Cost: some 20 ns a pixel.
+
+use anyhow::{Result, ensure};
+use keygraph_core::geometry::{Homography, area, is_convex};
+
+use crate::annotate::Canvas;
+use crate::input::{Picture, Pixels};
+
+/// Shortest side of an outline that is worth training on, px.
+const MIN_SIDE_PX: f32 = 32.0;
+
+/// The part of `frame` within `outline`: the corners of the object in frame px, from
+/// its top left clockwise.
+///
+/// # Errors
+/// When the outline is too small, crosses itself, or leaves the frame.
+pub fn cut_out(frame: &Picture, outline: &[[f32; 2]; 4]) -> Result<Picture> {
+    let (w, h) = (frame.width as f32, frame.height as f32);
+    let inside = |p: &[f32; 2]| (-0.5..=w).contains(&p[0]) && (-0.5..=h).contains(&p[1]);
+    ensure!(outline.iter().all(inside), "the outline leaves the picture: move its corners inside");
+    ensure!(
+        area(outline) > 0.0 && is_convex(outline),
+        "the outline crosses itself or is dented: the corners go clockwise from the object's top left"
+    );
+    let side = |a: usize, b: usize| (outline[b][0] - outline[a][0]).hypot(outline[b][1] - outline[a][1]);
+    let size = [(side(0, 1) + side(3, 2)) / 2.0, (side(0, 3) + side(1, 2)) / 2.0];
+    ensure!(
+        size[0] >= MIN_SIDE_PX && size[1] >= MIN_SIDE_PX,
+        "the outline is too small ({:.0}x{:.0} px): hold the object closer to the camera",
+        size[0],
+        size[1]
+    );
+    let onto_frame = onto(outline, size);
+    let canvas = Canvas::from_picture(frame);
+    let [width, height] = size.map(to_px);
+    let mut rgb = Vec::with_capacity(width * height * 3);
+    for y in 0..height {
+        for x in 0..width {
+            rgb.extend(sample(&canvas, onto_frame.apply([x as f32, y as f32])));
+        }
+    }
+    let side = |v: usize| u32::try_from(v).unwrap_or(u32::MAX);
+    Ok(Picture { width: side(width), height: side(height), pixels: Pixels::Rgb8(rgb) })
+}
+
+/// A coordinate that is not negative, in whole px.
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked against the frame's size")]
+fn to_px(v: f32) -> usize {
+    v.max(0.0) as usize
+}
+
+/// The homography that carries `(0,0) (w,0) (w,h) (0,h)` to the four points.
+fn onto(p: &[[f32; 2]; 4], [w, h]: [f32; 2]) -> Homography {
+    let d1 = [0, 1].map(|i| p[1][i] - p[2][i]);
+    let d2 = [0, 1].map(|i| p[3][i] - p[2][i]);
+    let s = [0, 1].map(|i| p[0][i] - p[1][i] + p[2][i] - p[3][i]);
+    let cross = |a: [f32; 2], b: [f32; 2]| a[0] * b[1] - a[1] * b[0];
+    let (g, k) = (cross(s, d2) / cross(d1, d2), cross(d1, s) / cross(d1, d2));
+    let row = |i: usize| [p[1][i] - p[0][i] + g * p[1][i], p[3][i] - p[0][i] + k * p[3][i], p[0][i]];
+    let ([a, b, c], [d, e, f]) = (row(0), row(1));
+    Homography([a / w, b / h, c, d / w, e / h, f, g / w, k / h, 1.0])
+}
+
+/// The colour at a point of the canvas; that of its border outside of it.
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a mean of bytes")]
+fn sample(canvas: &Canvas, [x, y]: [f32; 2]) -> [u8; 3] {
+    let (w, h) = (canvas.width() as usize, canvas.height() as usize);
+    let (x, y) = (x.clamp(0.0, (w - 1) as f32), y.clamp(0.0, (h - 1) as f32));
+    let (left, top) = (to_px(x), to_px(y));
+    let (right, bottom) = ((left + 1).min(w - 1), (top + 1).min(h - 1));
+    let (u, v) = (x - left as f32, y - top as f32);
+    let at = |x: usize, y: usize, c: usize| f32::from(canvas.rgb()[(y * w + x) * 3 + c]);
+    [0, 1, 2].map(|c| {
+        let above = at(left, top, c) * (1.0 - u) + at(right, top, c) * u;
+        let below = at(left, bottom, c) * (1.0 - u) + at(right, bottom, c) * u;
+        (above * (1.0 - v) + below * v + 0.5) as u8
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A frame whose red is x and whose green is y.
+    fn ramps() -> Picture {
+        let rgb = (0..200 * 200).flat_map(|i: u32| [(i % 200) as u8, (i / 200) as u8, 0]).collect();
+        Picture { width: 200, height: 200, pixels: Pixels::Rgb8(rgb) }
+    }
+
+    #[test]
+    fn the_map_carries_corners_to_corners() {
+        let outline = [[20.0, 30.0], [150.0, 10.0], [180.0, 160.0], [40.0, 120.0]];
+        let map = onto(&outline, [100.0, 80.0]);
+        for (p, q) in map.outline(100.0, 80.0).iter().zip(&outline) {
+            assert!((p[0] - q[0]).hypot(p[1] - q[1]) < 1e-3, "{p:?} is not {q:?}");
+        }
+    }
+
+    #[test]
+    fn a_turned_outline_is_turned_back() {
+        // The object's top left is at the frame's top right: turned by 90 degrees.
+        let cut = cut_out(&ramps(), &[[140.0, 20.0], [140.0, 120.0], [60.0, 120.0], [60.0, 20.0]]).expect("cuts");
+        assert_eq!((cut.width, cut.height), (100, 80));
+        let Pixels::Rgb8(rgb) = cut.pixels else { panic!("not RGB") };
+        assert_eq!(rgb[..3], [140, 20, 0]);
+        let at = (50 * 100 + 30) * 3;
+        assert_eq!(rgb[at..at + 3], [90, 50, 0], "30 px along the object's width is 30 px down the frame");
+    }
+
+    #[test]
+    fn outlines_that_cannot_be_are_refused() {
+        let refused = |outline: [[f32; 2]; 4], word: &str| {
+            let error = cut_out(&ramps(), &outline).expect_err("refused").to_string();
+            assert!(error.contains(word), "{word:?} is not in: {error}");
+        };
+        refused([[10.0, 10.0], [100.0, 100.0], [100.0, 10.0], [10.0, 100.0]], "crosses itself");
+        refused([[10.0, 10.0], [10.0, 100.0], [100.0, 100.0], [100.0, 10.0]], "clockwise");
+        refused([[10.0, 10.0], [30.0, 10.0], [30.0, 30.0], [10.0, 30.0]], "closer to the camera");
+        refused([[10.0, 10.0], [300.0, 10.0], [300.0, 100.0], [10.0, 100.0]], "leaves the picture");
+        refused([[f32::NAN, 10.0], [100.0, 10.0], [100.0, 100.0], [10.0, 100.0]], "leaves the picture");
+    }
+}

@@ -1,0 +1,341 @@
+//! Cameras through V4L2.
+//!
+//! In: what is wished of a camera. Out: its frames into the slot; a camera that goes
+//! away is waited for. Each thing that can be wrong says what to do about it.
+//!
+//! Memory: four buffers of the driver. Cost: [`super::mode::to_picture`] a frame.
+
+use std::fs;
+use std::io;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result, anyhow, ensure};
+use v4l::buffer::Type;
+use v4l::capability::Flags;
+use v4l::control::{Control, Value};
+use v4l::frameinterval::FrameIntervalEnum;
+use v4l::framesize::FrameSizeEnum;
+use v4l::io::mmap::Stream;
+use v4l::io::traits::CaptureStream;
+use v4l::video::Capture;
+use v4l::video::capture::Parameters;
+use v4l::{Device, FourCC};
+
+use super::Captured;
+use super::live::Live;
+use super::mode::{Format, Mode, Wish, choose, to_picture};
+
+/// A camera that gives nothing for so long is opened anew.
+const SILENCE: Duration = Duration::from_secs(3);
+/// Between two looks for a camera that went away.
+const PAUSE: Duration = Duration::from_millis(500);
+/// Exposure and white balance have settled after so long.
+const SETTLING: Duration = Duration::from_secs(2);
+/// Buffers that the driver fills: fewer lose frames, more make them older.
+const BUFFERS: u32 = 4;
+
+/// Automatisms to switch off: control, value, and what is said when there is none.
+/// Numbers of `linux/v4l2-controls.h`.
+const EXPOSURE: [(u32, i64); 3] = [(0x009A_0901, 1), (0x009A_0903, 0), (0x0098_0912, 0)];
+const WHITE_BALANCE: [(u32, i64); 1] = [(0x0098_090C, 0)];
+
+/// What is asked of a camera.
+#[derive(Clone, Debug, Default)]
+pub struct Request {
+    /// Its path or number; the first that gives pictures if none.
+    pub device: Option<String>,
+    /// Size, format and rate.
+    pub wish: Wish,
+    /// Keep exposure and gain once they have settled.
+    pub lock_exposure: bool,
+    /// Keep the white balance once it has settled.
+    pub lock_white_balance: bool,
+}
+
+/// Why a camera stopped giving frames.
+enum End {
+    /// Nobody wants any.
+    Closed,
+    /// It went away or failed.
+    Lost(anyhow::Error),
+}
+
+/// Gives frames until nobody wants any; waits for a camera that went away.
+///
+/// # Errors
+/// When there is no camera to begin with, or it cannot be used.
+pub fn capture(request: &Request, live: &Live) -> Result<()> {
+    let mut number = 0;
+    let mut opened = false;
+    loop {
+        // The crate panics on some answers of drivers.
+        let session = || -> Result<End> {
+            let path = find(request.device.as_deref())?;
+            let device = open(&path)?;
+            let (mode, stride) = set_up(&device, &path, request).with_context(|| path.display().to_string())?;
+            give_frames(&device, &path, (&mode, stride), request, live, &mut number)
+        };
+        let end =
+            catch_unwind(AssertUnwindSafe(session)).unwrap_or_else(|_| Err(anyhow!("the camera's driver failed")));
+        let trouble = match end {
+            Ok(End::Closed) => return Ok(()),
+            Ok(End::Lost(error)) => error,
+            Err(error) if !opened && number == 0 => return Err(error),
+            Err(error) => error,
+        };
+        opened = true;
+        let text = format!("{trouble:#}; waiting for it");
+        if live.trouble().as_ref() != Some(&text) {
+            tracing::warn!("{text}");
+        }
+        live.set_trouble(Some(text));
+        if live.frames.is_closed() {
+            return Ok(());
+        }
+        thread::sleep(PAUSE);
+    }
+}
+
+fn give_frames(
+    device: &Device,
+    path: &Path,
+    (mode, stride): (&Mode, usize),
+    request: &Request,
+    live: &Live,
+    number: &mut u64,
+) -> Result<End> {
+    let name = path.display();
+    let mut stream = Stream::with_buffers(device, Type::VideoCapture, BUFFERS)
+        .map_err(|e| explain(e, path))
+        .context("no buffers")?;
+    stream.set_timeout(SILENCE);
+    let start = Instant::now();
+    let mut locked = !(request.lock_exposure || request.lock_white_balance);
+    let mut first = true;
+    while !live.frames.is_closed() {
+        let (bytes, about) = match stream.next() {
+            Ok(frame) => frame,
+            Err(e) if first => return Err(explain(e, path)),
+            Err(e) => return Ok(End::Lost(explain(e, path))),
+        };
+        if first {
+            tracing::info!("{name}: {mode}");
+            live.set_trouble(None);
+            first = false;
+        }
+        let at = Instant::now();
+        let bytes = &bytes[..bytes.len().min(about.bytesused as usize)];
+        match to_picture(mode, stride, bytes) {
+            Ok(picture) => {
+                let jpeg = (mode.format == Format::Mjpg).then(|| bytes.to_vec());
+                live.frames.put(Captured { number: *number, at, picture, jpeg });
+            }
+            Err(error) => tracing::debug!("{name}, frame {number}: {error:#}"),
+        }
+        *number += 1;
+        if !locked && start.elapsed() > SETTLING {
+            lock(device, path, request);
+            locked = true;
+        }
+    }
+    Ok(End::Closed)
+}
+
+// ------------------------------------------------------------------- finding
+
+/// All `/dev/video*`, by number.
+fn nodes() -> Vec<PathBuf> {
+    let number = |path: &Path| path.file_name()?.to_str()?.strip_prefix("video")?.parse::<u32>().ok();
+    let entries = fs::read_dir("/dev").into_iter().flatten().flatten();
+    let mut found: Vec<_> = entries.filter_map(|e| Some((number(&e.path())?, e.path()))).collect();
+    found.sort();
+    found.into_iter().map(|(_, path)| path).collect()
+}
+
+fn find(wanted: Option<&str>) -> Result<PathBuf> {
+    if let Some(wanted) = wanted {
+        let is_number = wanted.bytes().all(|b| b.is_ascii_digit());
+        let path = if is_number { format!("/dev/video{wanted}") } else { wanted.to_string() };
+        return Ok(path.into());
+    }
+    let nodes = nodes();
+    let mut refused = None;
+    for node in &nodes {
+        match open(node) {
+            Ok(device) if gives_pictures(&device) => return Ok(node.clone()),
+            Ok(_) => {}
+            Err(error) => refused = refused.or(Some(error)),
+        }
+    }
+    Err(refused.unwrap_or_else(|| {
+        if nodes.is_empty() {
+            anyhow!("there is no camera: no /dev/video*; plug one in, or give --replay VIDEO")
+        } else {
+            anyhow!("none of the {} video devices gives pictures: see --list", nodes.len())
+        }
+    }))
+}
+
+fn open(path: &Path) -> Result<Device> {
+    let device = Device::with_path(path).map_err(|e| explain(e, path))?;
+    device.query_caps().map_err(|e| explain(e, path))?;
+    Ok(device)
+}
+
+fn gives_pictures(device: &Device) -> bool {
+    device.query_caps().is_ok_and(|c| c.capabilities.contains(Flags::VIDEO_CAPTURE | Flags::STREAMING))
+}
+
+/// An error of the system as what to do about it.
+fn explain(error: io::Error, path: &Path) -> anyhow::Error {
+    const ENXIO: i32 = 6;
+    const EIO: i32 = 5;
+    const EBUSY: i32 = 16;
+    const ENODEV: i32 = 19;
+    const ENOTTY: i32 = 25;
+    let path = path.display();
+    match (error.kind(), error.raw_os_error()) {
+        (_, Some(EBUSY)) => {
+            anyhow!("{path} is in use by another program: close that (`fuser {path}` tells which)")
+        }
+        (io::ErrorKind::PermissionDenied, _) => {
+            anyhow!("no permission to open {path}: `sudo usermod -aG video $USER`, then log in anew")
+        }
+        (io::ErrorKind::NotFound, _) => anyhow!("{path} is not there: plug the camera in, or see --list"),
+        (_, Some(ENXIO | ENODEV | EIO)) => anyhow!("{path} was unplugged"),
+        (_, Some(ENOTTY)) => anyhow!("{path} is no camera: see --list"),
+        (io::ErrorKind::TimedOut, _) => {
+            anyhow!("{path} gives no frames: unplug it and plug it in again, or ask for another --size or --format")
+        }
+        _ => anyhow!(error).context(path.to_string()),
+    }
+}
+
+// -------------------------------------------------------------------- set up
+
+/// All modes of the formats that are understood, and the names of the others.
+fn modes(device: &Device) -> io::Result<(Vec<Mode>, Vec<String>)> {
+    let (mut modes, mut others) = (Vec::new(), Vec::new());
+    for description in device.enum_formats()? {
+        let Some(format) = Format::of(description.fourcc.repr) else {
+            others.push(description.fourcc.to_string());
+            continue;
+        };
+        for size in device.enum_framesizes(description.fourcc)? {
+            let sizes = match size.size {
+                FrameSizeEnum::Discrete(d) => vec![(d.width, d.height)],
+                FrameSizeEnum::Stepwise(s) => {
+                    let within = |v: u32, min: u32, max: u32, step: u32| {
+                        let v = v.clamp(min, max);
+                        v - (v - min) % step.max(1)
+                    };
+                    let at = |w, h| {
+                        (
+                            within(w, s.min_width, s.max_width, s.step_width),
+                            within(h, s.min_height, s.max_height, s.step_height),
+                        )
+                    };
+                    vec![at(320, 240), at(640, 480), at(1280, 720), at(1920, 1080)]
+                }
+            };
+            for (width, height) in sizes {
+                modes.push(Mode { format, width, height, fps: most_fps(device, description.fourcc, width, height) });
+            }
+        }
+    }
+    Ok((modes, others))
+}
+
+/// The highest rate of a mode; 0 when the driver does not say.
+fn most_fps(device: &Device, fourcc: FourCC, width: u32, height: u32) -> f64 {
+    let intervals = device.enum_frameintervals(fourcc, width, height).unwrap_or_default();
+    let shortest = intervals.into_iter().map(|i| match i.interval {
+        FrameIntervalEnum::Discrete(f) => f,
+        FrameIntervalEnum::Stepwise(s) => s.min,
+    });
+    shortest.map(|f| f64::from(f.denominator) / f64::from(f.numerator.max(1))).fold(0.0, f64::max)
+}
+
+/// Asks for the mode nearest to the wish, and returns what the camera made of it, with
+/// the bytes of a row.
+fn set_up(device: &Device, path: &Path, request: &Request) -> Result<(Mode, usize)> {
+    ensure!(gives_pictures(device), "this device gives no pictures: see --list");
+    let (modes, others) = modes(device).map_err(|e| explain(e, path))?;
+    let chosen = choose(&modes, &request.wish).with_context(|| {
+        let known: Vec<String> = modes.iter().map(ToString::to_string).chain(others).collect();
+        format!(
+            "the camera gives none of the formats that are understood (YUYV, MJPG, GREY) or none of the one asked for; it has: {}",
+            known.join("; ")
+        )
+    })?;
+    let fourcc = FourCC::new(&chosen.format.fourcc());
+    let (width, height) = request.wish.size.unwrap_or((chosen.width, chosen.height));
+    let got = device.set_format(&v4l::Format::new(width, height, fourcc)).map_err(|e| explain(e, path))?;
+    ensure!(got.fourcc == fourcc, "the camera did not take the format {fourcc}: ask for another with --format");
+    let mut fps = chosen.fps;
+    let rate = request.wish.fps.map_or(chosen.fps, |f| if chosen.fps > 0.0 { f.min(chosen.fps) } else { f });
+    if rate > 0.0 {
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a rate is at most 10,000")]
+        let interval = v4l::Fraction::new(1000, (rate * 1000.0).round() as u32);
+        // Cameras without a rate to set go on at their own.
+        if let Ok(set) = device.set_params(&Parameters::new(interval)) {
+            fps = f64::from(set.interval.denominator) / f64::from(set.interval.numerator.max(1));
+        }
+    }
+    Ok((Mode { width: got.width, height: got.height, fps, ..chosen }, got.stride as usize))
+}
+
+/// Switches automatisms off, so that what they chose last stays.
+fn lock(device: &Device, path: &Path, request: &Request) {
+    let all: [(bool, &str, &[(u32, i64)]); 2] =
+        [(request.lock_exposure, "exposure", &EXPOSURE), (request.lock_white_balance, "white balance", &WHITE_BALANCE)];
+    for (_, name, controls) in all.iter().filter(|a| a.0) {
+        let set = |&(id, value): &(u32, i64)| device.set_control(Control { id, value: Value::Integer(value) }).is_ok();
+        // All of them: a camera has some.
+        let any = controls.iter().map(set).fold(false, |any, done| any | done);
+        if any {
+            tracing::info!("{}: {name} locked", path.display());
+        } else {
+            tracing::warn!("{}: this camera's {name} cannot be locked", path.display());
+        }
+    }
+}
+
+// ------------------------------------------------------------------- listing
+
+/// Lines that describe all cameras and their modes.
+///
+/// # Errors
+/// When there is none.
+pub fn list() -> Result<Vec<String>> {
+    let nodes = nodes();
+    ensure!(!nodes.is_empty(), "there is no camera: no /dev/video*; plug one in");
+    let mut lines = Vec::new();
+    for path in nodes {
+        let device = match open(&path) {
+            Ok(device) => device,
+            Err(error) => {
+                lines.push(format!("{error:#}"));
+                continue;
+            }
+        };
+        let about = device.query_caps().map_err(|e| explain(e, &path))?;
+        if !gives_pictures(&device) {
+            lines.push(format!("{}  {}: gives no pictures", path.display(), about.card));
+            continue;
+        }
+        lines.push(format!("{}  {} ({}, {})", path.display(), about.card, about.driver, about.bus));
+        let (modes, others) = modes(&device).map_err(|e| explain(e, &path))?;
+        let chosen = choose(&modes, &Wish::default());
+        lines.extend(
+            modes.iter().map(|m| format!("    {m}{}", if Some(*m) == chosen { "  (taken by itself)" } else { "" })),
+        );
+        if !others.is_empty() {
+            lines.push(format!("    not understood: {}", others.join(" ")));
+        }
+    }
+    Ok(lines)
+}

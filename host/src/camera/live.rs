@@ -1,0 +1,239 @@
+//! Frames searched as they come, and what is known of them shared with those who look.
+//!
+//! In: the newest frame, the models and the threshold of the moment. Out: one
+//! [`Outcome`] a searched frame, at once, to the caller; and the same with its picture
+//! to the painter, which encodes it for the page in a thread of its own.
+//!
+//! Memory: one frame waiting on each side. Cost: a search a frame.
+
+use std::collections::VecDeque;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result, anyhow};
+use keygraph_core::model::Model;
+use serde_json::{Value, json};
+use tokio::sync::watch;
+
+use super::Captured;
+use super::models::Models;
+use super::shot::{Shot, Work};
+use super::slot::Slot;
+use super::tracker::{Look, State, Tracked, Tracker};
+use crate::report::frame_line;
+use crate::search::Profile;
+
+/// Frames that the frame rate is the mean of.
+const RATE_FRAMES: usize = 30;
+
+/// What the threads share.
+#[derive(Debug)]
+pub struct Live {
+    /// Frames from the source.
+    pub frames: Slot<Captured>,
+    /// Searched frames on their way to the page.
+    pub work: Slot<Work>,
+    /// The models in use.
+    pub models: Models,
+    /// The newest searched frame.
+    pub shots: watch::Sender<Option<Arc<Shot>>>,
+    /// What the source is called.
+    pub source: String,
+    threshold: AtomicU32,
+    trouble: Mutex<Option<String>>,
+    start: Instant,
+    /// Until when somebody wants pictures, and corners and triangles, ms after `start`.
+    watched_until: AtomicU64,
+    details_until: AtomicU64,
+}
+
+impl Live {
+    /// Nothing searched yet.
+    #[must_use]
+    pub fn new(source: String, models: Models, threshold: f32) -> Self {
+        Self {
+            frames: Slot::default(),
+            work: Slot::default(),
+            models,
+            shots: watch::Sender::new(None),
+            source,
+            threshold: AtomicU32::new(threshold.to_bits()),
+            trouble: Mutex::new(None),
+            start: Instant::now(),
+            watched_until: AtomicU64::new(0),
+            details_until: AtomicU64::new(0),
+        }
+    }
+
+    /// Least score of a detection.
+    pub fn threshold(&self) -> f32 {
+        f32::from_bits(self.threshold.load(Ordering::Relaxed))
+    }
+
+    /// Sets it, from the next frame on.
+    pub fn set_threshold(&self, threshold: f32) {
+        self.threshold.store(threshold.to_bits(), Ordering::Relaxed);
+    }
+
+    /// Why there are no frames; `None` when there are.
+    pub fn trouble(&self) -> Option<String> {
+        self.trouble.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Says why there are no frames, or that there are again.
+    pub fn set_trouble(&self, trouble: Option<String>) {
+        *self.trouble.lock().unwrap_or_else(PoisonError::into_inner) = trouble;
+    }
+
+    fn now_ms(&self) -> u64 {
+        u64::try_from(self.start.elapsed().as_millis()).unwrap_or(u64::MAX)
+    }
+
+    /// Somebody looks, for `time` from now; `details` with corners and triangles.
+    pub fn look(&self, time: Duration, details: bool) {
+        let until = self.now_ms() + u64::try_from(time.as_millis()).unwrap_or(0);
+        self.watched_until.fetch_max(until, Ordering::Relaxed);
+        if details {
+            self.details_until.fetch_max(until, Ordering::Relaxed);
+        }
+    }
+
+    fn is_watched(&self) -> bool {
+        self.now_ms() < self.watched_until.load(Ordering::Relaxed)
+    }
+
+    fn wants_details(&self) -> bool {
+        self.now_ms() < self.details_until.load(Ordering::Relaxed)
+    }
+}
+
+/// What became of one frame.
+#[derive(Debug)]
+pub struct Outcome {
+    /// Its line, as `--json` prints it.
+    pub line: Value,
+    /// Name and state of each object of the models, and the best score of those in view.
+    pub objects: Vec<(String, State, Option<f32>)>,
+}
+
+/// Searches frames until the slot is closed, or `each` returns false.
+///
+/// # Errors
+/// What `each` returned.
+pub fn search_frames(live: &Live, profile: Profile, mut each: impl FnMut(&Outcome) -> Result<bool>) -> Result<()> {
+    let mut rate = Rate::default();
+    loop {
+        let merged = live.models.merged();
+        // Parsed once a change of models, not once a frame: it reads all of it.
+        let model = merged.bytes.as_ref().and_then(|b| Model::parse(b).ok());
+        let mut tracker = Tracker::new(model.map_or(0, |m| m.objects()));
+        while live.models.generation() == merged.generation {
+            let Some(captured) = live.frames.take() else { return Ok(()) };
+            let details = live.is_watched() && live.wants_details();
+            let look = Look { profile, threshold: live.threshold(), details };
+            let tracked = match look_at(&captured, model.as_ref(), &mut tracker, &look) {
+                Ok(tracked) => tracked,
+                Err(error) => {
+                    tracing::error!("{}, frame {}: {error:#}", live.source, captured.number);
+                    continue;
+                }
+            };
+            let fps = rate.tick(Instant::now());
+            let mut outcome = outcome(live, &captured, model.as_ref(), tracked.as_ref());
+            outcome.line["fps"] = json!((fps * 100.0).round() / 100.0);
+            outcome.line["dropped"] = json!(live.frames.dropped());
+            outcome.line["age_ms"] = json!(captured.at.elapsed().as_millis());
+            outcome.line["models"] = json!(merged.generation);
+            outcome.line["threshold"] = json!(f64::from((look.threshold * 1000.0).round()) / 1000.0);
+            let go_on = each(&outcome)?;
+            let details = tracked.filter(|_| details).map(|t| t.found);
+            live.work.put(Work { captured, line: outcome.line, details, watched: live.is_watched() });
+            if !go_on {
+                return Ok(());
+            }
+        }
+    }
+}
+
+/// One look; `None` when there is nothing to look for. A panic is an error of this
+/// frame alone.
+fn look_at(
+    captured: &Captured,
+    model: Option<&Model<'_>>,
+    tracker: &mut Tracker,
+    look: &Look,
+) -> Result<Option<Tracked>> {
+    let Some(model) = model else { return Ok(None) };
+    catch_unwind(AssertUnwindSafe(|| tracker.next(&captured.picture, model, look)))
+        .map_err(|_| anyhow!("the search failed; please report this frame"))?
+        .map(Some)
+}
+
+fn outcome(live: &Live, captured: &Captured, model: Option<&Model<'_>>, tracked: Option<&Tracked>) -> Outcome {
+    let size = (captured.picture.width, captured.picture.height);
+    let (Some(model), Some(tracked)) = (model, tracked) else {
+        let line = json!({
+            "source": live.source, "frame": captured.number, "width": size.0, "height": size.1,
+            "detections": [], "lost": [], "stages": {}, "time_ms": {},
+        });
+        return Outcome { line, objects: Vec::new() };
+    };
+    let mut line = frame_line(&live.source, captured.number, size, model, &tracked.found, None);
+    for (i, state) in tracked.states.iter().enumerate() {
+        line["detections"][i]["state"] = json!(state.name());
+    }
+    let best = |object: usize| {
+        let scores = tracked.found.detections.iter().filter(|d| usize::from(d.object) == object).map(|d| d.score);
+        scores.reduce(f32::max)
+    };
+    let objects = tracked.objects.iter().enumerate();
+    let objects: Vec<_> = objects.map(|(i, &state)| (model.object(i).name.to_string(), state, best(i))).collect();
+    let lost = objects.iter().filter(|o| o.1 == State::Lost).map(|o| json!({"object": o.0, "state": "lost"}));
+    line["lost"] = lost.collect();
+    Outcome { line, objects }
+}
+
+/// Encodes searched frames for the page until the slot is closed.
+pub fn paint(live: &Live) {
+    while let Some(work) = live.work.take() {
+        let frame = work.captured.number;
+        match Shot::new(work).with_context(|| format!("frame {frame}")) {
+            Ok(shot) => _ = live.shots.send_replace(Some(Arc::new(shot))),
+            Err(error) => tracing::error!("{error:#}"),
+        }
+    }
+}
+
+/// Frames a second, over the last few.
+#[derive(Debug, Default)]
+struct Rate(VecDeque<Instant>);
+
+impl Rate {
+    fn tick(&mut self, now: Instant) -> f64 {
+        self.0.push_back(now);
+        if self.0.len() > RATE_FRAMES {
+            self.0.pop_front();
+        }
+        let span = self.0.front().map_or(0.0, |first| (now - *first).as_secs_f64());
+        if span > 0.0 { (self.0.len() - 1) as f64 / span } else { 0.0 }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_rate_is_that_of_the_last_frames() {
+        let mut rate = Rate::default();
+        let start = Instant::now();
+        assert!(rate.tick(start).abs() < 1e-9, "one frame has no rate");
+        let after = |ms: u64| start + Duration::from_millis(ms);
+        let slow = (1..20).map(|i| rate.tick(after(i * 1000))).last().expect("19");
+        assert!((slow - 1.0).abs() < 1e-6, "{slow}");
+        let fast = (1..=40).map(|i| rate.tick(after(19_000 + i * 20))).last().expect("40");
+        assert!((fast - 50.0).abs() < 1e-6, "{fast}");
+    }
+}

@@ -1,0 +1,154 @@
+//! A searched frame as it is handed to whoever looks: picture and outlines in one
+//! piece, so that neither can lag behind the other.
+//!
+//! In: a frame, its JSON line, and corners and triangles where they are wanted. Out: a
+//! body of bytes for the page and the line for programs. The body, little endian:
+//!
+//! | bytes | |
+//! | --- | --- |
+//! | 4 | length of the header |
+//! | so many | header: `{"number", "jpeg": bytes, "corners": n, "keygraphs": n, "votes": n, "line": {...}}` |
+//! | `jpeg` | the picture, a JPEG |
+//! | 4 x `corners` | x and y, `i16`, quarter pixels |
+//! | 12 x `keygraphs` | three such points each: the triangles that were classified |
+//! | 12 x `votes` | the triangles that agree with a detection |
+//!
+//! Who did not ask for corners and triangles gets a body without them.
+//!
+//! Memory: the body, some 60 KB at 640x480. Cost: a JPEG encoded, unless the camera
+//! gave one.
+
+use std::time::Instant;
+
+use anyhow::Result;
+use axum::body::Bytes;
+use image::ExtendedColorType;
+use image::codecs::jpeg::JpegEncoder;
+use serde_json::{Value, json};
+
+use super::Captured;
+use crate::annotate::Canvas;
+use crate::search::Found;
+
+/// Quality of pictures for the page, of 100: a model is learned from them.
+const QUALITY: u8 = 88;
+
+/// A searched frame on its way to those who look.
+#[derive(Debug)]
+pub struct Work {
+    /// The frame.
+    pub captured: Captured,
+    /// Its line, as `--json` prints it.
+    pub line: Value,
+    /// Corners and triangles, where they are wanted.
+    pub details: Option<Found>,
+    /// Whether somebody wants to see the picture.
+    pub watched: bool,
+}
+
+/// A searched frame as it is handed out.
+#[derive(Clone, Debug)]
+pub struct Shot {
+    /// Index of the frame in its source.
+    pub number: u64,
+    /// When the frame was captured.
+    pub at: Instant,
+    /// Its line, without a line break.
+    pub line: String,
+    /// The body, with corners and triangles if there are any; `None` when nobody was
+    /// looking.
+    pub body: Option<Bytes>,
+    /// Bytes of the body without corners and triangles.
+    pub lean: usize,
+}
+
+impl Shot {
+    /// Encodes what is to be handed out.
+    ///
+    /// # Errors
+    /// When the picture cannot be encoded.
+    pub fn new(work: Work) -> Result<Self> {
+        let Work { captured, line, details, watched } = work;
+        let (number, at, text) = (captured.number, captured.at, line.to_string());
+        if !watched {
+            return Ok(Self { number, at, line: text, body: None, lean: 0 });
+        }
+        let jpeg = match captured.jpeg {
+            Some(jpeg) => jpeg,
+            None => encode(&Canvas::from_picture(&captured.picture))?,
+        };
+        let none = Found::default();
+        let found = details.as_ref().unwrap_or(&none);
+        let votes = found.supporters.iter().flatten();
+        let header = json!({
+            "number": number,
+            "jpeg": jpeg.len(),
+            "corners": found.corners.len(),
+            "keygraphs": found.keygraphs.len(),
+            "votes": votes.clone().count(),
+            "line": line,
+        })
+        .to_string();
+        let mut body = u32::try_from(header.len())?.to_le_bytes().to_vec();
+        body.extend(header.as_bytes());
+        body.extend(&jpeg);
+        let lean = body.len();
+        for p in found.corners.iter().chain(found.keygraphs.iter().chain(votes).flatten()) {
+            body.extend(p.map(quarter_px).as_flattened());
+        }
+        Ok(Self { number, at, line: text, body: Some(body.into()), lean })
+    }
+}
+
+#[allow(clippy::cast_possible_truncation, reason = "a cast saturates, beyond any frame")]
+fn quarter_px(v: f32) -> [u8; 2] {
+    ((v * 4.0).round() as i16).to_le_bytes()
+}
+
+fn encode(canvas: &Canvas) -> Result<Vec<u8>> {
+    let mut jpeg = Vec::new();
+    let (w, h) = (canvas.width(), canvas.height());
+    JpegEncoder::new_with_quality(&mut jpeg, QUALITY).encode(canvas.rgb(), w, h, ExtendedColorType::Rgb8)?;
+    Ok(jpeg)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::input::{Picture, Pixels};
+
+    fn work(details: Option<Found>, watched: bool) -> Work {
+        let picture = Picture { width: 16, height: 16, pixels: Pixels::Gray8(vec![90; 256]) };
+        let captured = Captured { number: 7, at: Instant::now(), picture, jpeg: Some(vec![1, 2, 3]) };
+        Work { captured, line: json!({"frame": 7}), details, watched }
+    }
+
+    #[test]
+    fn the_body_is_laid_out_as_described() {
+        let triangle = [[1.0, 2.0], [3.0, 4.0], [5.0, -0.5]];
+        let found = Found {
+            corners: vec![[0.25, 10.0]],
+            keygraphs: vec![triangle],
+            supporters: vec![vec![triangle]; 2],
+            ..Found::default()
+        };
+        let shot = Shot::new(work(Some(found), true)).expect("encodes");
+        let body = shot.body.expect("watched");
+        let header = 4 + u32::from_le_bytes(body[..4].try_into().expect("four")) as usize;
+        let said: Value = serde_json::from_slice(&body[4..header]).expect("JSON");
+        assert_eq!(
+            said,
+            json!({"number": 7, "jpeg": 3, "corners": 1, "keygraphs": 1, "votes": 2, "line": {"frame": 7}})
+        );
+        assert_eq!(body[header..shot.lean], [1, 2, 3]);
+        let corner = [1, 0, 40, 0];
+        let triangle = [4, 0, 8, 0, 12, 0, 16, 0, 20, 0, 0xFE, 0xFF];
+        assert_eq!(body[shot.lean..], [&corner[..], &triangle, &triangle, &triangle].concat());
+    }
+
+    #[test]
+    fn nothing_is_encoded_for_nobody() {
+        let shot = Shot::new(work(None, false)).expect("nothing to fail");
+        assert_eq!((shot.body, shot.line.as_str()), (None, r#"{"frame":7}"#));
+    }
+}

@@ -1,0 +1,100 @@
+//! A place for one item, of which only the newest counts.
+//!
+//! In: items from a thread that never waits. Out: the newest one, to a thread that
+//! waits for it. An item that is not taken before the next one comes is dropped and
+//! counted: whoever takes is never behind by more than what it is working on.
+//!
+//! Memory: one item. Cost: a lock.
+
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+
+/// Holds the newest item.
+#[derive(Debug)]
+pub struct Slot<T> {
+    content: Mutex<Content<T>>,
+    changed: Condvar,
+}
+
+#[derive(Debug)]
+struct Content<T> {
+    item: Option<T>,
+    dropped: u64,
+    closed: bool,
+}
+
+impl<T> Default for Slot<T> {
+    fn default() -> Self {
+        Self { content: Mutex::new(Content { item: None, dropped: 0, closed: false }), changed: Condvar::new() }
+    }
+}
+
+impl<T> Slot<T> {
+    fn lock(&self) -> MutexGuard<'_, Content<T>> {
+        // Nothing in here is half done when a thread panics.
+        self.content.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Puts an item in, in place of the one that nobody took. False when the slot is
+    /// closed: nobody will take it.
+    pub fn put(&self, item: T) -> bool {
+        let mut content = self.lock();
+        if content.closed {
+            return false;
+        }
+        if content.item.replace(item).is_some() {
+            content.dropped += 1;
+        }
+        drop(content);
+        self.changed.notify_one();
+        true
+    }
+
+    /// Waits for an item. `None` when the slot is closed and empty.
+    pub fn take(&self) -> Option<T> {
+        let waiting = |content: &mut Content<T>| content.item.is_none() && !content.closed;
+        let mut content = self.changed.wait_while(self.lock(), waiting).unwrap_or_else(PoisonError::into_inner);
+        content.item.take()
+    }
+
+    /// No more items: who waits goes on.
+    pub fn close(&self) {
+        self.lock().closed = true;
+        self.changed.notify_all();
+    }
+
+    /// Whether [`Slot::close`] was called.
+    pub fn is_closed(&self) -> bool {
+        self.lock().closed
+    }
+
+    /// Items that nobody took.
+    pub fn dropped(&self) -> u64 {
+        self.lock().dropped
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_newest_is_taken_and_the_others_are_counted() {
+        let slot = Slot::default();
+        for item in 1..=3 {
+            assert!(slot.put(item));
+        }
+        assert_eq!((slot.take(), slot.dropped()), (Some(3), 2));
+    }
+
+    #[test]
+    fn closing_wakes_the_taker_and_refuses_items() {
+        let slot = Slot::<u8>::default();
+        std::thread::scope(|scope| {
+            let taker = scope.spawn(|| slot.take());
+            slot.close();
+            assert_eq!(taker.join().expect("no panic"), None);
+        });
+        assert!(!slot.put(1));
+        assert_eq!(slot.take(), None);
+    }
+}

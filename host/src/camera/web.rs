@@ -1,0 +1,289 @@
+//! The page, and what programs can ask for.
+//!
+//! In: requests. Out: answers:
+//!
+//! | request | answer |
+//! | --- | --- |
+//! | `GET /` | the page, which asks for the rest |
+//! | `GET /frame?after=N&details=1` | the newest searched frame that is not number N, when there is one: picture and outlines in one body, see [`super::shot`]; 204 after 5 s without |
+//! | `GET /events` | JSON lines of all frames as server-sent events |
+//! | `GET /status` | what is wrong with the source, the models, the threshold |
+//! | `POST /models?name=N` | adds the model in the body |
+//! | `GET /models/ID`, `DELETE /models/ID` | gives, removes a model |
+//! | `PUT /threshold?value=V` | sets the least score |
+//! | `POST /learn?name=N&corners=x,y,...` | trains on the part of the JPEG in the body within the outline |
+//!
+//! A viewer asks for the next frame when it has drawn the last one: each sees as many
+//! frames as it can take, always the newest, and none waits for another.
+//!
+//! Memory: the newest frame, once for all viewers. Cost: a copy to each socket.
+
+use std::convert::Infallible;
+use std::io::Cursor;
+use std::net::{SocketAddr, TcpListener, UdpSocket};
+use std::sync::Arc;
+use std::time::Duration;
+
+use anyhow::{Context, Result, ensure};
+use axum::Router;
+use axum::body::{Body, Bytes};
+use axum::extract::{DefaultBodyLimit, Path, Query, Request, State};
+use axum::http::{Method, StatusCode, header};
+use axum::middleware::{Next, from_fn_with_state};
+use axum::response::sse::{Event, KeepAlive, Sse};
+use axum::response::{Html, IntoResponse, Json, Response};
+use axum::routing::{get, post, put};
+use futures_util::stream::{Stream, unfold};
+use image::{ImageFormat, ImageReader};
+use keygraph_core::detect::DEFAULT_THRESHOLD;
+use keygraph_core::model::{Model, NAME_BYTES};
+use serde::Deserialize;
+use serde_json::json;
+use tokio::sync::watch;
+
+use super::FAREWELL;
+use super::cutout::cut_out;
+use super::guard::{Guard, Refusal};
+use super::live::Live;
+use crate::learn::{Preset, train};
+use crate::picture::flatten_onto_white;
+use crate::search::{Profile, search};
+
+const PAGE: &str = include_str!("../page.html");
+
+/// What the page may do: nothing but ask this program.
+const POLICY: &str = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; \
+                      img-src blob: data:; connect-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'";
+
+/// Longest wait for a frame, so that a viewer learns that there is none.
+const PATIENCE: Duration = Duration::from_secs(5);
+/// Pictures are encoded for so long after a viewer asked.
+const ATTENTION: Duration = Duration::from_secs(7);
+/// Most bytes of a request: a large model, a photograph.
+const MOST_BYTES: usize = 16 << 20;
+
+#[derive(Clone)]
+struct Web {
+    live: Arc<Live>,
+    guard: Arc<Guard>,
+    stopped: watch::Receiver<bool>,
+}
+
+/// An error of a request: what to do about it, for people to read.
+struct Problem(StatusCode, String);
+
+impl IntoResponse for Problem {
+    fn into_response(self) -> Response {
+        (self.0, self.1).into_response()
+    }
+}
+
+impl From<anyhow::Error> for Problem {
+    fn from(error: anyhow::Error) -> Self {
+        Self(StatusCode::BAD_REQUEST, format!("{error:#}"))
+    }
+}
+
+/// Where to look: an address that others reach when it listens to all of them.
+#[must_use]
+pub fn url(address: SocketAddr, token: Option<&str>) -> String {
+    let mut shown = address;
+    if address.ip().is_unspecified() {
+        // Nothing is sent: the system only says from where it would send.
+        let route = UdpSocket::bind("0.0.0.0:0").and_then(|s| s.connect("192.0.2.1:9").and_then(|()| s.local_addr()));
+        shown.set_ip(route.map_or(std::net::Ipv4Addr::LOCALHOST.into(), |a| a.ip()));
+    }
+    token.map_or_else(|| format!("http://{shown}/"), |token| format!("http://{shown}/#token={token}"))
+}
+
+/// Serves until `stopped`, and then for a moment those who are still being answered.
+///
+/// # Errors
+/// When the listener breaks.
+pub async fn serve(
+    listener: TcpListener,
+    guard: Guard,
+    live: Arc<Live>,
+    mut stopped: watch::Receiver<bool>,
+) -> Result<()> {
+    let web = Web { live, guard: Arc::new(guard), stopped: stopped.clone() };
+    let router = Router::new()
+        .route("/frame", get(frame))
+        .route("/events", get(events))
+        .route("/status", get(status))
+        .route("/models", post(add_model))
+        .route("/models/{id}", get(give_model).delete(remove_model))
+        .route("/threshold", put(set_threshold))
+        .route("/learn", post(learn))
+        .route_layer(from_fn_with_state(web.clone(), guarded))
+        .route("/", get(page))
+        .layer(DefaultBodyLimit::max(MOST_BYTES))
+        .with_state(web);
+    let listener = tokio::net::TcpListener::from_std(listener)?;
+    let mut over = stopped.clone();
+    let served = axum::serve(listener, router).with_graceful_shutdown(async move {
+        let _ = stopped.wait_for(|&s| s).await;
+    });
+    tokio::select! {
+        served = served => served?,
+        () = async { let _ = over.wait_for(|&s| s).await; tokio::time::sleep(FAREWELL).await } => {}
+    }
+    Ok(())
+}
+
+async fn guarded(State(web): State<Web>, request: Request<Body>, next: Next) -> Response {
+    let query = request.uri().query().unwrap_or_default();
+    let token = query.split('&').find_map(|pair| pair.strip_prefix("token="));
+    let changes = !matches!(*request.method(), Method::GET | Method::HEAD);
+    match web.guard.check(request.headers(), token, changes) {
+        Ok(()) => next.run(request).await,
+        Err(refusal) => {
+            let code = if refusal == Refusal::Token { StatusCode::UNAUTHORIZED } else { StatusCode::FORBIDDEN };
+            Problem(code, refusal.text().into()).into_response()
+        }
+    }
+}
+
+async fn page() -> impl IntoResponse {
+    let headers = [
+        (header::CONTENT_SECURITY_POLICY, POLICY),
+        (header::CACHE_CONTROL, "no-store"),
+        (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
+        (header::REFERRER_POLICY, "no-referrer"),
+    ];
+    (headers, Html(PAGE))
+}
+
+#[derive(Deserialize)]
+struct Wanted {
+    after: Option<u64>,
+    details: Option<u8>,
+}
+
+async fn frame(State(mut web): State<Web>, Query(wanted): Query<Wanted>) -> Response {
+    let details = wanted.details == Some(1);
+    web.live.look(ATTENTION, details);
+    let mut shots = web.live.shots.subscribe();
+    let is_new = |shot: &Option<Arc<super::shot::Shot>>| {
+        shot.as_ref().is_some_and(|s| s.body.is_some() && Some(s.number) != wanted.after)
+    };
+    let shot = tokio::select! {
+        shot = shots.wait_for(is_new) => shot.ok().and_then(|s| s.clone()),
+        () = tokio::time::sleep(PATIENCE) => None,
+        _ = web.stopped.wait_for(|&s| s) => None,
+    };
+    let Some((shot, body)) = shot.and_then(|s| Some((s.clone(), s.body.clone()?))) else {
+        return StatusCode::NO_CONTENT.into_response();
+    };
+    let headers = [
+        (header::CONTENT_TYPE, "application/octet-stream".to_string()),
+        (header::CACHE_CONTROL, "no-store".to_string()),
+        (header::HeaderName::from_static("x-age-ms"), shot.at.elapsed().as_millis().to_string()),
+    ];
+    (headers, if details { body } else { body.slice(..shot.lean) }).into_response()
+}
+
+async fn events(State(web): State<Web>) -> Sse<impl Stream<Item = Result<Event, Infallible>>> {
+    let start = (web.live.shots.subscribe(), web.stopped);
+    let stream = unfold(start, |(mut shots, mut stopped)| async move {
+        tokio::select! {
+            changed = shots.changed() => changed.ok()?,
+            _ = stopped.wait_for(|&s| s) => return None,
+        }
+        let line = shots.borrow_and_update().as_ref().map_or_else(String::new, |s| s.line.clone());
+        Some((Ok(Event::default().data(line)), (shots, stopped)))
+    });
+    Sse::new(stream).keep_alive(KeepAlive::default())
+}
+
+async fn status(State(web): State<Web>) -> impl IntoResponse {
+    let live = &web.live;
+    Json(json!({
+        "source": live.source,
+        "trouble": live.trouble(),
+        "threshold": f64::from((live.threshold() * 1000.0).round()) / 1000.0,
+        "generation": live.models.generation(),
+        "models": live.models.list(),
+        "dropped": live.frames.dropped(),
+    }))
+}
+
+#[derive(Deserialize)]
+struct Named {
+    name: String,
+}
+
+async fn add_model(
+    State(web): State<Web>,
+    Query(named): Query<Named>,
+    body: Bytes,
+) -> Result<impl IntoResponse, Problem> {
+    let id = web.live.models.add(&named.name, body.to_vec())?;
+    tracing::info!("model {} added", named.name);
+    Ok((StatusCode::CREATED, Json(json!({"id": id}))))
+}
+
+async fn give_model(State(web): State<Web>, Path(id): Path<u64>) -> Result<impl IntoResponse, Problem> {
+    let entry = web.live.models.get(id).ok_or_else(gone)?;
+    Ok(([(header::CONTENT_TYPE, "application/octet-stream")], entry.bytes.to_vec()))
+}
+
+async fn remove_model(State(web): State<Web>, Path(id): Path<u64>) -> Result<StatusCode, Problem> {
+    if !web.live.models.remove(id)? {
+        return Err(gone());
+    }
+    tracing::info!("model {id} removed");
+    Ok(StatusCode::NO_CONTENT)
+}
+
+fn gone() -> Problem {
+    Problem(StatusCode::NOT_FOUND, "there is no such model, or not any more".into())
+}
+
+#[derive(Deserialize)]
+struct Threshold {
+    value: f32,
+}
+
+async fn set_threshold(State(web): State<Web>, Query(threshold): Query<Threshold>) -> Result<StatusCode, Problem> {
+    if !(0.0..=1.0).contains(&threshold.value) {
+        return Err(Problem(StatusCode::BAD_REQUEST, "a threshold lies between 0 and 1".into()));
+    }
+    web.live.set_threshold(threshold.value);
+    Ok(StatusCode::NO_CONTENT)
+}
+
+#[derive(Deserialize)]
+struct Lesson {
+    name: String,
+    corners: String,
+}
+
+async fn learn(
+    State(web): State<Web>,
+    Query(lesson): Query<Lesson>,
+    body: Bytes,
+) -> Result<impl IntoResponse, Problem> {
+    // Training takes a second, in which the others are served.
+    let learned = tokio::task::spawn_blocking(move || learn_from(&web.live, &lesson, &body)).await;
+    Ok((StatusCode::CREATED, Json(learned.context("the training failed; please report this picture")??)))
+}
+
+/// Trains on the part of a JPEG within an outline, and looks for it in that picture.
+fn learn_from(live: &Live, lesson: &Lesson, jpeg: &[u8]) -> Result<serde_json::Value> {
+    let name = lesson.name.trim();
+    ensure!(!name.is_empty() && name.len() <= NAME_BYTES, "give the object a name of 1 to {NAME_BYTES} bytes");
+    let numbers: Result<Vec<f32>, _> = lesson.corners.split(',').map(str::parse).collect();
+    let outline: [[f32; 2]; 4] = match numbers.as_deref() {
+        Ok(&[a, b, c, d, e, f, g, h]) => [[a, b], [c, d], [e, f], [g, h]],
+        _ => anyhow::bail!("an outline is eight numbers: x and y of four corners"),
+    };
+    let image = ImageReader::with_format(Cursor::new(jpeg), ImageFormat::Jpeg).decode();
+    let (frame, _) = flatten_onto_white(image.context("the picture is no JPEG, or damaged")?);
+    let (bytes, trained) = train(&cut_out(&frame, &outline)?, name, Preset::Large, false)?;
+    let own = search(&frame, &Model::parse(&bytes)?, Profile::Vga, DEFAULT_THRESHOLD, false, 1)?;
+    let found = own.detections.first().map(|d| d.score);
+    let id = live.models.add(name, bytes)?;
+    tracing::info!("{name} learned: {} keygraphs", trained.keygraphs.kept);
+    Ok(json!({"id": id, "keygraphs": trained.keygraphs.kept, "found": found}))
+}

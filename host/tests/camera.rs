@@ -1,0 +1,228 @@
+//! `keygraph camera` with a file in place of a camera: lines, page, token, signals.
+//!
+//! In: the sequence of the repository. Out: what the program prints and answers. The
+//! page itself is looked at in `camera_page.rs`.
+#![allow(clippy::unwrap_used, clippy::panic, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+
+mod camera_live;
+mod program;
+
+use std::io::{BufRead, BufReader, Read, Write};
+use std::time::Duration;
+
+use camera_live::Live;
+use keygraph::render::corner_error;
+use program::{Folder, assets, keygraph, numbers, picture};
+use serde_json::{Value, json};
+
+fn sequence() -> String {
+    assets().join("sequence").to_str().unwrap().to_string()
+}
+
+/// A small model of a picture of the repository.
+fn model(folder: &Folder, name: &str) -> String {
+    let path = folder.join(&format!("{name}.kgm")).to_str().unwrap().to_string();
+    let picture = picture(name);
+    keygraph(&["train", picture.to_str().unwrap(), "--preset", "compact", "-o", &path]).ended_with(0);
+    path
+}
+
+/// The outline of an object in a frame of the sequence, as it was rendered.
+fn truth(frame: u64, name: &str, [w, h]: [f64; 2]) -> Option<[[f32; 2]; 4]> {
+    let all: Value = serde_json::from_slice(&std::fs::read(assets().join("sequence/truth.json")).unwrap()).unwrap();
+    let map = &all[frame as usize % all.as_array().unwrap().len()]["objects"][name];
+    let m = if map.is_null() { return None } else { numbers::<9>(map) };
+    Some([[0.0, 0.0], [w, 0.0], [w, h], [0.0, h]].map(|[x, y]| {
+        let z = m[6] * x + m[7] * y + m[8];
+        [((m[0] * x + m[1] * y + m[2]) / z) as f32, ((m[3] * x + m[4] * y + m[5]) / z) as f32]
+    }))
+}
+
+fn outline(detection: &Value) -> [[f32; 2]; 4] {
+    let corners = detection["corners"].as_array().unwrap();
+    std::array::from_fn(|i| numbers::<2>(&corners[i]).map(|v| v as f32))
+}
+
+#[test]
+fn lines_of_a_replay() {
+    let folder = Folder::new("lines");
+    let astronaut = model(&folder, "astronaut");
+    let run = keygraph(&["camera", "--replay", &sequence(), "-m", &astronaut, "--json", "--frames", "4"]).ended_with(0);
+    let lines = run.lines();
+    assert_eq!(lines.len(), 4);
+    let mut found = 0;
+    for line in &lines {
+        let frame = line["frame"].as_u64().unwrap();
+        for key in ["source", "width", "stages", "time_ms", "fps", "dropped", "age_ms", "lost"] {
+            assert!(!line[key].is_null(), "{key} is not in {line}");
+        }
+        for detection in line["detections"].as_array().unwrap() {
+            assert_eq!(detection["state"], "found");
+            let truth = truth(frame, "astronaut", [512.0, 512.0]).unwrap();
+            let error = corner_error(&outline(detection), &truth);
+            assert!(error < 0.03, "frame {frame}: the outline is off by {error} of its size");
+            found += 1;
+        }
+    }
+    assert!(found > 0, "nothing was found:\n{}", run.out);
+    run.said(&["astronaut found"]);
+}
+
+#[test]
+fn what_cannot_be_is_refused() {
+    keygraph(&["camera", "--replay", &sequence()]).refused_with(&["give a model with -m", "--web"]);
+    keygraph(&["camera", "--replay", "/no/such", "--web", "127.0.0.1:0"])
+        .refused_with(&["cannot replay /no/such", "no such file"]);
+    keygraph(&["camera", "--replay", "x", "-m", "/no/such.kgm"]).refused_with(&["cannot read the model /no/such.kgm"]);
+    keygraph(&["camera", "--replay", &sequence(), "--web", "--mqtt", "broker"]).refused_with(&["mqtt://"]);
+    keygraph(&["camera", "--token", "x"]).ended_with(2).said(&["--web"]);
+    keygraph(&["camera", "--size", "big"]).ended_with(2).said(&["640x480"]);
+    let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = taken.local_addr().unwrap().to_string();
+    keygraph(&["camera", "--replay", &sequence(), "--web", &address])
+        .refused_with(&["give another address with --web"]);
+    if cfg!(not(feature = "camera")) {
+        keygraph(&["camera", "--list"]).refused_with(&["libclang-dev", "--features keygraph/camera", "--replay"]);
+        keygraph(&["camera", "--web", "127.0.0.1:0"]).refused_with(&["built without cameras"]);
+    }
+}
+
+#[test]
+fn the_page_shows_what_is_found_to_several_viewers() {
+    let folder = Folder::new("viewers");
+    let astronaut = model(&folder, "astronaut");
+    let live = Live::start(&["--replay", &sequence(), "--fps", "10", "-m", &astronaut, "--web", "127.0.0.1:0"]);
+    let page = live.get("/");
+    assert_eq!(page.status, 200);
+    assert!(page.head.contains("content-security-policy"), "{}", page.head);
+    assert!(page.text().contains("<canvas"));
+
+    // One who asks for a frame and never reads the answer holds nobody up.
+    let mut sleeper = live.connect();
+    write!(sleeper, "GET /frame HTTP/1.1\r\nHost: {}\r\n\r\n", live.place).unwrap();
+    std::thread::scope(|scope| {
+        for details in [false, true] {
+            let live = &live;
+            scope.spawn(move || {
+                let mut after = None;
+                for _ in 0..4 {
+                    let frame = live.frame(after, details);
+                    assert_ne!(Some(frame.number), after);
+                    let image = image::load_from_memory(&frame.jpeg).unwrap();
+                    assert_eq!((image.width(), image.height()), (640, 480));
+                    assert!(details || frame.details == 0, "{}", frame.header);
+                    after = Some(frame.number);
+                }
+            });
+        }
+    });
+    let frame = live.frame_with(|f| f.detection("astronaut").is_some());
+    let truth = truth(frame.number, "astronaut", [512.0, 512.0]).expect("it is in this frame");
+    let error = corner_error(&outline(frame.detection("astronaut").unwrap()), &truth);
+    assert!(error < 0.03, "the outline is off by {error} of its size");
+
+    let mut events = live.connect();
+    write!(events, "GET /events HTTP/1.1\r\nHost: {}\r\n\r\n", live.place).unwrap();
+    let mut lines = BufReader::new(events).lines().map(Result::unwrap);
+    let data = lines.find_map(|l| l.strip_prefix("data: ").map(str::to_string)).unwrap();
+    assert!(serde_json::from_str::<Value>(&data).unwrap()["detections"].is_array(), "{data}");
+}
+
+#[test]
+fn corners_and_triangles_come_when_asked_for() {
+    let folder = Folder::new("details");
+    let astronaut = model(&folder, "astronaut");
+    let live = Live::start(&["--replay", &sequence(), "-m", &astronaut, "--web", "127.0.0.1:0"]);
+    let mut frame = live.frame(None, true);
+    for _ in 0..50 {
+        let of = |key: &str| frame.header[key].as_u64().unwrap() as usize;
+        assert!(frame.details == 0 || frame.details == 4 * of("corners") + 12 * (of("keygraphs") + of("votes")));
+        if of("corners") > 50 && of("keygraphs") > 50 && of("votes") > 2 {
+            return;
+        }
+        frame = live.frame(Some(frame.number), true);
+    }
+    panic!("no corners, triangles or votes: {}", frame.header);
+}
+
+#[test]
+fn an_object_is_learned_from_a_frame_and_removed_again() {
+    // A folder of one frame: what is held up does not move.
+    let folder = Folder::new("learning");
+    std::fs::copy(program::frame(2), folder.join("0.jpg")).unwrap();
+    let live = Live::start(&["--replay", folder.0.to_str().unwrap(), "--fps", "10", "--web", "127.0.0.1:0"]);
+    let frame = live.frame(None, false);
+    assert_eq!(frame.line["detections"], json!([]));
+    let shown = truth(2, "astronaut", [512.0, 512.0]).unwrap();
+    let corners: Vec<String> = shown.as_flattened().iter().map(|v| format!("{v:.1}")).collect();
+    let path = format!("/learn?name=me%20%26%20you&corners={}", corners.join(","));
+
+    let refused = live.ask("POST", "/learn?name=x&corners=1,2,3", &[], &frame.jpeg);
+    assert!(refused.status == 400 && refused.text().contains("eight numbers"), "{}", refused.text());
+    let refused = live.ask("POST", &path, &[], b"no picture");
+    assert!(refused.status == 400 && refused.text().contains("no JPEG"), "{}", refused.text());
+
+    let learned = live.ask("POST", &path, &[], &frame.jpeg);
+    assert_eq!(learned.status, 201, "{}", learned.text());
+    assert!(learned.json()["found"].as_f64().is_some_and(|s| s > 0.9), "{}", learned.text());
+    let seen = live.frame_with(|f| f.detection("me & you").is_some());
+    let error = corner_error(&outline(seen.detection("me & you").unwrap()), &shown);
+    assert!(error < 0.03, "the outline is off by {error} of its size");
+
+    let models = live.get("/status").json()["models"].clone();
+    assert_eq!(models[0]["objects"][0]["name"], "me & you");
+    let saved = live.get(&format!("/models/{}", models[0]["id"]));
+    assert!(saved.body.starts_with(&keygraph_core::model::MAGIC));
+    assert_eq!(live.ask("DELETE", &format!("/models/{}", models[0]["id"]), &[], b"").status, 204);
+    live.frame_with(|f| f.line["detections"] == json!([]));
+    assert_eq!(live.ask("POST", "/models?name=again", &[], &saved.body).status, 201);
+    live.frame_with(|f| f.detection("me & you").is_some());
+    let damaged = live.ask("POST", "/models?name=bad", &[], &saved.body[..saved.body.len() / 2]);
+    assert_eq!(damaged.status, 400, "{}", damaged.text());
+
+    assert_eq!(live.ask("PUT", "/threshold?value=1", &[], b"").status, 204);
+    live.frame_with(|f| f.line["threshold"] == 1.0 && f.line["detections"] == json!([]));
+    assert_eq!(live.ask("PUT", "/threshold?value=7", &[], b"").status, 400);
+}
+
+#[test]
+fn other_addresses_need_a_token_and_other_pages_change_nothing() {
+    let mut live = Live::start(&["--replay", &sequence(), "--web", "0.0.0.0:0"]);
+    let token = live.token.clone().expect("a token was printed");
+    assert!(token.len() >= 32, "{token}");
+    assert_eq!(live.get("/status").status, 200);
+    live.token = None;
+    assert_eq!(live.get("/status").status, 401);
+    assert_eq!(live.get("/status?token=wrong").status, 401);
+    assert_eq!(live.get(&format!("/status?token={token}")).status, 200);
+    live.token = Some("wrong".into());
+    assert_eq!(live.get("/frame").status, 401);
+    live.token = Some(token);
+    let from = |origin: &str| live.ask("PUT", "/threshold?value=0.6", &[("Origin", origin)], b"").status;
+    assert_eq!(from("http://evil.example"), 403);
+    assert_eq!(from(&format!("http://{}", live.place)), 204);
+
+    let local = Live::start(&["--replay", &sequence(), "--web", "127.0.0.1:0"]);
+    assert!(local.token.is_none());
+    assert_eq!(local.ask("GET", "/status", &[("Host", "evil.example")], b"").status, 403, "a name that points here");
+    assert_eq!(local.get("/status").status, 200);
+}
+
+#[test]
+fn signals_end_it_cleanly() {
+    let folder = Folder::new("signals");
+    let astronaut = model(&folder, "astronaut");
+    for signal in ["INT", "TERM"] {
+        let mut live = Live::start(&["--replay", &sequence(), "-m", &astronaut, "--json", "--web", "127.0.0.1:0"]);
+        live.frame(None, false);
+        // A viewer who waits for an event stream must not hold up the end.
+        let mut events = live.connect();
+        write!(events, "GET /events HTTP/1.1\r\nHost: {}\r\n\r\n", live.place).unwrap();
+        events.read_exact(&mut [0]).unwrap();
+        live.signal(signal);
+        let (status, out, time) = live.end();
+        assert!(status.success(), "{signal}: {status}");
+        assert!(time < Duration::from_secs(20), "{signal}: ended after {time:?}");
+        assert!(out.lines().all(|l| serde_json::from_str::<Value>(l).is_ok()), "a line was cut:\n{out}");
+    }
+}

@@ -1,0 +1,209 @@
+//! `keygraph camera` as a process that goes on, and what one asks it over HTTP.
+//!
+//! In: arguments; requests. Out: what it logs, prints and answers. Everything waited
+//! for has a generous limit, since test machines may be slow.
+#![allow(dead_code, reason = "each test file uses its own part")]
+
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::TcpStream;
+use std::process::{Child, ChildStderr, ChildStdout, Command, ExitStatus, Stdio};
+use std::sync::mpsc::{Receiver, channel};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use serde_json::Value;
+
+/// Longest wait for anything.
+pub const LIMIT: Duration = Duration::from_secs(90);
+
+/// A running `keygraph camera`; killed when dropped.
+pub struct Live {
+    child: Child,
+    log: Receiver<String>,
+    /// All of the log that was looked at.
+    pub logged: Vec<String>,
+    out: Option<ChildStdout>,
+    /// Host and port of the page.
+    pub place: String,
+    /// Its token.
+    pub token: Option<String>,
+}
+
+/// Lines of a stream as they come.
+fn lines(stream: ChildStderr) -> Receiver<String> {
+    let (sender, receiver) = channel();
+    thread::spawn(move || BufReader::new(stream).lines().map_while(Result::ok).try_for_each(|l| sender.send(l)));
+    receiver
+}
+
+impl Live {
+    /// Starts it with `arguments`; waits for the page if one is asked for.
+    pub fn start(arguments: &[&str]) -> Self {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_keygraph"))
+            .arg("camera")
+            .args(arguments)
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let log = lines(child.stderr.take().unwrap());
+        let out = child.stdout.take();
+        let mut live = Self { child, log, logged: Vec::new(), out, place: String::new(), token: None };
+        if arguments.contains(&"--web") {
+            let line = live.wait_for("the page is at http://");
+            let url = line.split("http://").nth(1).unwrap().trim();
+            let (place, token) = url.split_once('/').unwrap();
+            live.place = place.to_string();
+            live.token = token.strip_prefix("#token=").map(str::to_string);
+        }
+        live
+    }
+
+    /// The next line of its log with `words` in it.
+    pub fn wait_for(&mut self, words: &str) -> String {
+        let end = Instant::now() + LIMIT;
+        loop {
+            let left = end.saturating_duration_since(Instant::now());
+            let line = self.log.recv_timeout(left);
+            let line = line.unwrap_or_else(|_| panic!("{words:?} was not logged; but:\n{}", self.logged.join("\n")));
+            self.logged.push(line.clone());
+            if line.contains(words) {
+                return line;
+            }
+        }
+    }
+
+    /// Sends a signal, by its name.
+    pub fn signal(&self, name: &str) {
+        let status = Command::new("kill").args([&format!("-{name}"), &self.child.id().to_string()]).status().unwrap();
+        assert!(status.success());
+    }
+
+    /// Waits until it ended; its standard output and how long that took.
+    pub fn end(&mut self) -> (ExitStatus, String, Duration) {
+        let start = Instant::now();
+        let mut text = String::new();
+        // Reads to the end of the process.
+        self.out.take().unwrap().read_to_string(&mut text).unwrap();
+        let status = self.child.wait().unwrap();
+        (status, text, start.elapsed())
+    }
+
+    /// Asks, with `headers` and `body`.
+    pub fn ask(&self, method: &str, path: &str, headers: &[(&str, &str)], body: &[u8]) -> Answer {
+        let mut stream = self.connect();
+        let host =
+            if headers.iter().any(|h| h.0 == "Host") { String::new() } else { format!("Host: {}\r\n", self.place) };
+        let extra: String = headers.iter().map(|(k, v)| format!("{k}: {v}\r\n")).collect();
+        let bearer = self.token.as_ref().map_or_else(String::new, |t| format!("Authorization: Bearer {t}\r\n"));
+        let head = format!(
+            "{method} {path} HTTP/1.1\r\n{host}{bearer}{extra}Content-Length: {}\r\nConnection: close\r\n\r\n",
+            body.len()
+        );
+        stream.write_all(head.as_bytes()).unwrap();
+        stream.write_all(body).unwrap();
+        let mut bytes = Vec::new();
+        stream.read_to_end(&mut bytes).unwrap();
+        Answer::parse(&bytes)
+    }
+
+    /// A connection to the page.
+    pub fn connect(&self) -> TcpStream {
+        let stream = TcpStream::connect(&self.place).unwrap();
+        stream.set_read_timeout(Some(LIMIT)).unwrap();
+        stream
+    }
+
+    /// Asks without a body.
+    pub fn get(&self, path: &str) -> Answer {
+        self.ask("GET", path, &[], b"")
+    }
+
+    /// The newest frame that is not number `after`.
+    pub fn frame(&self, after: Option<u64>, details: bool) -> Frame {
+        let after = after.map_or_else(String::new, |n| format!("&after={n}"));
+        let path = format!("/frame?details={}{after}", u8::from(details));
+        let end = Instant::now() + LIMIT;
+        loop {
+            let answer = self.get(&path);
+            if answer.status == 200 {
+                return Frame::parse(&answer.body);
+            }
+            assert_eq!(answer.status, 204, "{}", answer.text());
+            assert!(Instant::now() < end, "no frame");
+        }
+    }
+
+    /// Frames until `is_right`.
+    pub fn frame_with(&self, is_right: impl Fn(&Frame) -> bool) -> Frame {
+        let end = Instant::now() + LIMIT;
+        let mut frame = self.frame(None, false);
+        while !is_right(&frame) {
+            assert!(Instant::now() < end, "no such frame; the last was {}", frame.line);
+            frame = self.frame(Some(frame.number), false);
+        }
+        frame
+    }
+}
+
+impl Drop for Live {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// An answer over HTTP.
+pub struct Answer {
+    pub status: u16,
+    pub head: String,
+    pub body: Vec<u8>,
+}
+
+impl Answer {
+    fn parse(bytes: &[u8]) -> Self {
+        let end = bytes.windows(4).position(|w| w == b"\r\n\r\n").expect("no answer");
+        let head = String::from_utf8(bytes[..end].to_vec()).unwrap();
+        let status = head.split(' ').nth(1).unwrap().parse().unwrap();
+        Self { status, head, body: bytes[end + 4..].to_vec() }
+    }
+
+    pub fn text(&self) -> String {
+        String::from_utf8_lossy(&self.body).into_owned()
+    }
+
+    pub fn json(&self) -> Value {
+        serde_json::from_str(&self.text()).unwrap_or_else(|e| panic!("{e}: {}", self.text()))
+    }
+}
+
+/// A frame as the page gets it.
+pub struct Frame {
+    pub number: u64,
+    pub header: Value,
+    pub line: Value,
+    pub jpeg: Vec<u8>,
+    /// Bytes after the picture.
+    pub details: usize,
+}
+
+impl Frame {
+    fn parse(body: &[u8]) -> Self {
+        let end = 4 + u32::from_le_bytes(body[..4].try_into().unwrap()) as usize;
+        let header: Value = serde_json::from_slice(&body[4..end]).unwrap();
+        let jpeg = header["jpeg"].as_u64().unwrap() as usize;
+        Self {
+            number: header["number"].as_u64().unwrap(),
+            line: header["line"].clone(),
+            jpeg: body[end..end + jpeg].to_vec(),
+            details: body.len() - end - jpeg,
+            header,
+        }
+    }
+
+    /// The detection of an object, if it is there.
+    pub fn detection(&self, name: &str) -> Option<&Value> {
+        self.line["detections"].as_array().unwrap().iter().find(|d| d["object"] == name)
+    }
+}
