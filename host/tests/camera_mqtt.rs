@@ -78,7 +78,7 @@ impl Subscriber {
     /// The payload of the next message of a topic that `is_right`.
     fn wait_for(&self, topic: &str, is_right: impl Fn(&str) -> bool) -> String {
         let end = Instant::now() + LIMIT;
-        let mut seen = Vec::new();
+        let mut seen: Vec<String> = Vec::new();
         loop {
             let left = end.saturating_duration_since(Instant::now());
             let message = self.messages.recv_timeout(left);

@@ -216,15 +216,16 @@ fn model(folder: &Folder) -> String {
 
 const DESK: (u32, u32, u32) = (1280, 800, 1);
 
-/// Of 40 points along the true outline, how many have the outline's colour.
+/// Of 40 points along the true outline, how many have the outline's colour within 2 px.
 const ON_OUTLINE: &str = "(() => {
     const scale = view.width / shown.line.width;
     let on = 0;
     for (let i = 0; i < 40; i++) {
         const a = TRUTH[i % 4], b = TRUTH[(i + 1) % 4], t = (1 + Math.floor(i / 4)) / 11;
         const x = (a[0] + (b[0] - a[0]) * t + .5) * scale, y = (a[1] + (b[1] - a[1]) * t + .5) * scale;
-        const p = context.getImageData(Math.round(x), Math.round(y), 1, 1).data;
-        if (Math.abs(p[0] - 76) + Math.abs(p[1] - 194) + Math.abs(p[2] - 255) < 60) on++;
+        const p = context.getImageData(Math.round(x) - 2, Math.round(y) - 2, 5, 5).data;
+        const is = k => Math.abs(p[k] - 76) + Math.abs(p[k + 1] - 194) + Math.abs(p[k + 2] - 255) < 60;
+        if (Array.from({ length: 25 }, (_, k) => 4 * k).some(is)) on++;
     }
     return on;
 })()";

@@ -7,6 +7,7 @@
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::process::{Child, ChildStderr, ChildStdout, Command, ExitStatus, Stdio};
+use std::sync::Mutex;
 use std::sync::mpsc::{Receiver, channel};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -19,7 +20,8 @@ pub const LIMIT: Duration = Duration::from_secs(90);
 /// A running `keygraph camera`; killed when dropped.
 pub struct Live {
     child: Child,
-    log: Receiver<String>,
+    /// Shared by threads that ask at the same time.
+    log: Mutex<Receiver<String>>,
     /// All of the log that was looked at.
     pub logged: Vec<String>,
     out: Option<ChildStdout>,
@@ -47,7 +49,7 @@ impl Live {
             .stderr(Stdio::piped())
             .spawn()
             .unwrap();
-        let log = lines(child.stderr.take().unwrap());
+        let log = Mutex::new(lines(child.stderr.take().unwrap()));
         let out = child.stdout.take();
         let mut live = Self { child, log, logged: Vec::new(), out, place: String::new(), token: None };
         if arguments.contains(&"--web") {
@@ -65,7 +67,7 @@ impl Live {
         let end = Instant::now() + LIMIT;
         loop {
             let left = end.saturating_duration_since(Instant::now());
-            let line = self.log.recv_timeout(left);
+            let line = self.log.get_mut().unwrap().recv_timeout(left);
             let line = line.unwrap_or_else(|_| panic!("{words:?} was not logged; but:\n{}", self.logged.join("\n")));
             self.logged.push(line.clone());
             if line.contains(words) {
