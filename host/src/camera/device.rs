@@ -37,8 +37,8 @@ const SETTLING: Duration = Duration::from_secs(2);
 /// Buffers that the driver fills: fewer lose frames, more make them older.
 const BUFFERS: u32 = 4;
 
-/// Automatisms to switch off: control, value, and what is said when there is none.
-/// Numbers of `linux/v4l2-controls.h`.
+/// Controls that switch automatisms off, and their values, as `linux/v4l2-controls.h`
+/// numbers them: manual exposure, at a constant rate, without automatic gain.
 const EXPOSURE: [(u32, i64); 3] = [(0x009A_0901, 1), (0x009A_0903, 0), (0x0098_0912, 0)];
 const WHITE_BALANCE: [(u32, i64); 1] = [(0x0098_090C, 0)];
 
@@ -137,8 +137,13 @@ fn give_frames(
         }
         *number += 1;
         if !locked && start.elapsed() > SETTLING {
-            lock(device, path, request);
             locked = true;
+            if request.lock_exposure {
+                lock(device, path, "exposure", &EXPOSURE);
+            }
+            if request.lock_white_balance {
+                lock(device, path, "white balance", &WHITE_BALANCE);
+            }
         }
     }
     Ok(End::Closed)
@@ -289,18 +294,13 @@ fn set_up(device: &Device, path: &Path, request: &Request) -> Result<(Mode, usiz
 }
 
 /// Switches automatisms off, so that what they chose last stays.
-fn lock(device: &Device, path: &Path, request: &Request) {
-    let all: [(bool, &str, &[(u32, i64)]); 2] =
-        [(request.lock_exposure, "exposure", &EXPOSURE), (request.lock_white_balance, "white balance", &WHITE_BALANCE)];
-    for (_, name, controls) in all.iter().filter(|a| a.0) {
-        let set = |&(id, value): &(u32, i64)| device.set_control(Control { id, value: Value::Integer(value) }).is_ok();
-        // All of them: a camera has some.
-        let any = controls.iter().map(set).fold(false, |any, done| any | done);
-        if any {
-            tracing::info!("{}: {name} locked", path.display());
-        } else {
-            tracing::warn!("{}: this camera's {name} cannot be locked", path.display());
-        }
+fn lock(device: &Device, path: &Path, name: &str, controls: &[(u32, i64)]) {
+    let set = |&(id, value): &(u32, i64)| device.set_control(Control { id, value: Value::Integer(value) }).is_ok();
+    // Each is tried: a camera has some of them.
+    if controls.iter().filter(|c| set(c)).count() > 0 {
+        tracing::info!("{}: {name} locked", path.display());
+    } else {
+        tracing::warn!("{}: this camera's {name} cannot be locked", path.display());
     }
 }
 
