@@ -3,7 +3,7 @@
 //!
 //! In: the sequence of the repository. Out: what a subscriber receives. Skipped where
 //! there is no Mosquitto.
-#![allow(clippy::unwrap_used, clippy::panic)]
+#![allow(clippy::unwrap_used, clippy::panic, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
 
 mod camera_live;
 mod program;
