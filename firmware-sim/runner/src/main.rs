@@ -141,14 +141,9 @@ fn board(cli: &Cli) -> Result<bool> {
         let (report, detections) =
             Report::decode(&mut || words.next()).with_context(|| format!("{}: the board told nothing", shot.source))?;
         let digests = Digests::from_values(report.digests);
-        let mut found = Found {
-            detections: detections.to_vec(),
-            stats: Stats { stages: report.stages, ..Stats::default() },
-            total_ns: 0,
-            corners: Vec::new(),
-            supporters: Vec::new(),
-            digests: (cli.digests || cli.check).then_some(digests),
-        };
+        let stats = Stats { stages: report.stages, ..Stats::default() };
+        let digests_told = (cli.digests || cli.check).then_some(digests);
+        let mut found = Found { digests: digests_told, ..Found::new(detections.to_vec(), stats) };
         found.map_back(shot.scale);
         if cli.check {
             fine &= agrees(cli, &model, shot, &digests)?;
