@@ -86,6 +86,7 @@ fn sample(canvas: &Canvas, [x, y]: [f32; 2]) -> [u8; 3] {
 }
 
 #[cfg(test)]
+#[allow(clippy::cast_possible_truncation, clippy::panic, reason = "of small numbers; in tests")]
 mod tests {
     use super::*;
 
