@@ -53,7 +53,7 @@ pub struct Arguments {
     /// What the page and its users must know [default: none on 127.0.0.1, else random]
     #[arg(long, requires = "web", env = "KEYGRAPH_TOKEN", hide_env_values = true)]
     pub token: Option<String>,
-    /// Publish what is found to a broker: mqtt://[USER:PASSWORD@]HOST[:PORT][/PREFIX]
+    /// Publish what is found to a broker: `mqtt://[USER:PASSWORD@]HOST[:PORT][/PREFIX]`
     #[arg(long, value_name = "URL", env = "KEYGRAPH_MQTT", hide_env_values = true)]
     pub mqtt: Option<String>,
     /// Print one JSON line a frame

@@ -12,7 +12,7 @@
 //! or kept as the newest of its kind (states), and told anew when it is back. Between
 //! attempts to reach it lie 1, 2, 4 ... 30 seconds.
 //!
-//! Memory: [`QUEUE`] messages, and one state an object. Cost: a message a frame.
+//! Memory: 64 messages, and one state an object. Cost: a message a frame.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
