@@ -135,7 +135,7 @@ impl Report {
             let a = &d.appearance;
             put(u32::from(d.object));
             d.homography.0.iter().chain(d.corners.as_flattened()).for_each(|v| put(v.to_bits()));
-            [d.score, a.median, a.support, a.chroma].iter().for_each(|v| put(v.to_bits()));
+            [d.score, a.median, a.support, a.strong, a.chroma].iter().for_each(|v| put(v.to_bits()));
             [d.votes, d.agreeing, a.blocks, a.inside].iter().for_each(|&n| put(u32::from(n)));
         }
     }
@@ -162,10 +162,10 @@ impl Report {
             for v in homography.iter_mut().chain(corners.as_flattened_mut()) {
                 *v = float()?;
             }
-            let (score, median, support, chroma) = (float()?, float()?, float()?, float()?);
+            let (score, median, support, strong, chroma) = (float()?, float()?, float()?, float()?, float()?);
             let mut short = || next().map(|n| n as u16);
             let (votes, agreeing, blocks, inside) = (short()?, short()?, short()?, short()?);
-            let appearance = Appearance { blocks, inside, median, support, chroma };
+            let appearance = Appearance { blocks, inside, median, support, strong, chroma };
             let homography = Homography(homography);
             detections.push(Detection { object, homography, corners, score, votes, agreeing, appearance }).ok()?;
         }
@@ -182,7 +182,8 @@ mod tests {
     fn what_is_written_is_read() {
         let mut report = Report { ticks: [64; Stage::COUNT], stack_bytes: 5000, ..Report::default() };
         report.stages[3] = StageStats { seen: 7, kept: 5, dropped: 2 };
-        let appearance = Appearance { blocks: 30, inside: 36, median: 0.75, support: 21.5, chroma: -0.25 };
+        let appearance =
+            Appearance { blocks: 30, inside: 36, median: 0.75, support: 21.5, strong: 11.5, chroma: -0.25 };
         let homography = Homography([1.0, 0.5, 20.0, -0.5, 1.0, 30.0, 0.0, 0.001, 1.0]);
         let corners = [[1.0, 2.0], [3.0, 4.0], [5.0, 6.0], [7.0, 8.0]];
         let d = Detection { object: 3, homography, corners, score: 0.875, votes: 12, agreeing: 40, appearance };
