@@ -3,16 +3,18 @@
 //! In: a luma plane. Out: corners in 1/16 px, strongest first or most widely
 //! spaced first. The strength of a pixel is twice the smaller eigenvalue of
 //! `[[a, b], [b, c]]`, sums over its 3x3 block of products of 3x3 Sobel
-//! derivatives: `a + c - sqrt((a - c)^2 + 4 b^2)`, in integers (J. Shi, C.
-//! Tomasi, *Good Features to Track*, CVPR 1994). Borders mirror without
+//! derivatives: `a + c - sqrt((a - c)^2 + 4 b^2)` (J. Shi, C. Tomasi, *Good
+//! Features to Track*, CVPR 1994). The sums are integers below 2^24, which `f32`
+//! holds exactly; it is taken because all processors have its multiplication in
+//! their vector units. Borders mirror without
 //! repeating the edge, the outermost pixels hold no corner, and a corner is a
 //! pixel that no neighbour exceeds: OpenCV's `goodFeaturesToTrack`. Its place
 //! is then refined by a parabola through the strengths beside it, where those
 //! below the threshold so far count as none.
 //!
-//! Memory: [`SCRATCH_ROWS`] rows of `i32` and 12 bytes a candidate. Cost: one
-//! pass over the pixels; a square root only where the smaller diagonal element
-//! passes the threshold. Full: the weaker half of the candidates is dropped and
+//! Memory: [`SCRATCH_ROWS`] rows of `f32` and 12 bytes a candidate. Cost: one
+//! pass over the pixels, some 100 operations each, written so that compilers
+//! make vectors of them. Full: the weaker half of the candidates is dropped and
 //! counted, and the threshold rises to the weakest that is left.
 
 use core::cmp::Reverse;
@@ -24,7 +26,7 @@ use crate::geometry::Point;
 use crate::math;
 use crate::pyramid::Plane;
 
-/// Rows of `i32`, each as long as the image is wide, that [`detect_corners`]
+/// Rows of `f32`, each as long as the image is wide, that [`detect_corners`]
 /// works in.
 pub const SCRATCH_ROWS: usize = 15;
 
@@ -55,14 +57,13 @@ pub struct CornerParams {
     pub margin_px: usize,
 }
 
-/// The smaller eigenvalue of `[[a, b], [b, c]]`, times two, rounded up.
+/// The smaller eigenvalue of `[[a, b], [b, c]]`, times two, good to a hundred-
+/// thousandth of the larger one.
 #[must_use]
-#[allow(clippy::cast_possible_truncation, reason = "clamped")]
-pub fn strength(a: i32, b: i32, c: i32) -> i32 {
-    let d = i64::from(a) - i64::from(c);
-    let e = 2 * i64::from(b);
-    let root = math::isqrt((d * d + e * e).unsigned_abs());
-    (i64::from(a) + i64::from(c) - i64::from(root)).clamp(0, i64::from(i32::MAX)) as i32
+pub fn strength(a: f32, b: f32, c: f32) -> f32 {
+    let (d, e) = (a - c, 2.0 * b);
+    let v = a + c - math::coarse_sqrt(d * d + e * e);
+    if v > 0.0 { v } else { 0.0 }
 }
 
 /// Where row or column `i` of a mirrored border lies: -1 is 1, `n` is `n - 2`.
@@ -73,33 +74,65 @@ const fn mirror(i: isize, n: usize) -> usize {
 }
 
 /// Sobel derivatives of row `y` as products `dx dx`, `dx dy`, `dy dy`.
-fn products(luma: Plane<'_, u8>, y: usize, out: &mut [&mut [i32]; 3]) {
+fn products(luma: Plane<'_, u8>, y: usize, [xx, xy, yy]: &mut [&mut [f32]; 3]) {
     let at = |d: isize| luma.row(mirror(y.cast_signed() + d, luma.height()));
     let (top, mid, low) = (at(-1), at(0), at(1));
-    let w = luma.width();
-    let [xx, xy, yy] = out;
-    let mut put = |x: usize, l: usize, r: usize| {
-        let p = |row: &[u8], i: usize| i16::from(row[i]);
-        let dx = p(top, r) - p(top, l) + 2 * (p(mid, r) - p(mid, l)) + p(low, r) - p(low, l);
-        let dy = p(low, l) - p(top, l) + 2 * (p(low, x) - p(top, x)) + p(low, r) - p(top, r);
-        let (dx, dy) = (i32::from(dx), i32::from(dy));
-        (xx[x], xy[x], yy[x]) = (dx * dx, dx * dy, dy * dy);
-    };
-    put(0, 1, 1);
-    for x in 1..w - 1 {
-        put(x, x - 1, x + 1);
+    let n = luma.width() - 2;
+    // Each pixel and its neighbours as slices of one length: no bounds to check.
+    let [[t0, t1, t2], [m0, _, m2], [l0, l1, l2]] = [top, mid, low].map(|row| [0, 1, 2].map(|d| &row[d..][..n]));
+    let (ix, iy, iz) = (&mut xx[1..][..n], &mut xy[1..][..n], &mut yy[1..][..n]);
+    for i in 0..n {
+        let p = |row: &[u8]| i16::from(row[i]);
+        let dx = p(t2) - p(t0) + 2 * (p(m2) - p(m0)) + p(l2) - p(l0);
+        let dy = p(l0) - p(t0) + 2 * (p(l1) - p(t1)) + p(l2) - p(t2);
+        let (dx, dy) = (f32::from(dx), f32::from(dy));
+        (ix[i], iy[i], iz[i]) = (dx * dx, dx * dy, dy * dy);
     }
-    put(w - 1, w - 2, w - 2);
+    for (x, beside) in [(0, 1), (n + 1, n)] {
+        let slope = |x: usize| f32::from(i16::from(low[x]) - i16::from(top[x]));
+        let dy = 2.0 * (slope(beside) + slope(x));
+        (xx[x], xy[x], yy[x]) = (0.0, 0.0, dy * dy);
+    }
 }
 
 /// Sums over each pixel and its two neighbours in the row.
-fn sum3(p: &[i32], out: &mut [i32]) {
+fn sum3(p: &[f32], out: &mut [f32]) {
     let w = p.len();
-    out[0] = p[0] + 2 * p[1];
-    for (o, p) in out[1..].iter_mut().zip(p.windows(3)) {
-        *o = p[0] + p[1] + p[2];
+    out[0] = p[0] + 2.0 * p[1];
+    out[w - 1] = p[w - 1] + 2.0 * p[w - 2];
+    let n = w - 2;
+    let (l, m, r, out) = (&p[..n], &p[1..][..n], &p[2..][..n], &mut out[1..][..n]);
+    for i in 0..n {
+        out[i] = l[i] + m[i] + r[i];
     }
-    out[w - 1] = p[w - 1] + 2 * p[w - 2];
+}
+
+/// Numbers that are looked at together.
+const LANES: usize = 8;
+
+/// Strengths of a row from the sums in the rows around it; what is below `cut`
+/// may be 0. Returns the greatest.
+fn strengths(sums: &[[&mut [f32]; 3]; 3], slots: [usize; 3], cut: f32, out: &mut [f32]) -> f32 {
+    let w = out.len();
+    let [[a0, a1, a2], [b0, b1, b2], [c0, c1, c2]] = [0, 1, 2].map(|i| slots.map(|s| &sums[s][i][..w]));
+    for x in 0..w {
+        let (a, b, c) = (a0[x] + a1[x] + a2[x], b0[x] + b1[x] + b2[x], c0[x] + c1[x] + c2[x]);
+        // The smaller eigenvalue is at most the smaller diagonal element.
+        let least = 2.0 * if a < c { a } else { c };
+        let v = strength(a, b, c);
+        out[x] = if least < cut { 0.0 } else { v };
+    }
+    let (chunks, rest) = out.as_chunks::<LANES>();
+    let mut most = [0.0; LANES];
+    for chunk in chunks {
+        most = core::array::from_fn(|i| max(most[i], chunk[i]));
+    }
+    most.iter().chain(rest).fold(0.0, |m, &v| max(m, v))
+}
+
+/// The greater of two numbers, which are numbers.
+fn max(a: f32, b: f32) -> f32 {
+    if a > b { a } else { b }
 }
 
 /// Finds the corners of `luma`, in no particular order: rank them next.
@@ -112,21 +145,21 @@ fn sum3(p: &[i32], out: &mut [i32]) {
 pub fn detect_corners(
     luma: Plane<'_, u8>,
     params: &CornerParams,
-    scratch: &mut [i32],
+    scratch: &mut [f32],
     out: &mut VecView<Corner>,
 ) -> StageStats {
     let (w, h) = (luma.width(), luma.height());
     let mut stats = StageStats::default();
-    let mut strongest = 0i32;
-    let mut cut = params.floor.max(1);
+    let mut strongest = 0.0;
+    let mut cut = params.floor.max(1) as f32;
     out.clear();
 
     let mut rows = scratch[..SCRATCH_ROWS * w].chunks_exact_mut(w);
     let mut take = || rows.next().unwrap_or_default();
     let mut raw = [take(), take(), take()];
     // Row y of the sums and of the strengths lies in slot y % 3.
-    let mut sums: [[&mut [i32]; 3]; 3] = core::array::from_fn(|_| core::array::from_fn(|_| take()));
-    let strengths = [take(), take(), take()];
+    let mut sums: [[&mut [f32]; 3]; 3] = core::array::from_fn(|_| core::array::from_fn(|_| take()));
+    let ring = [take(), take(), take()];
 
     let mut next = 0;
     for y in 0..h {
@@ -138,63 +171,69 @@ pub fn detect_corners(
             next += 1;
         }
         let slots = [-1, 0, 1].map(|d| mirror(y.cast_signed() + d, h) % 3);
-        let total = |i: usize, x: usize| slots.iter().map(|&s| sums[s][i][x]).sum::<i32>();
-        for (x, o) in strengths[y % 3].iter_mut().enumerate() {
-            let (a, c) = (total(0, x), total(2, x));
-            // The smaller eigenvalue is at most the smaller diagonal element.
-            *o = if 2 * a.min(c) < cut { 0 } else { strength(a, total(1, x), c) };
-            strongest = strongest.max(*o);
-        }
-        cut = cut.max(relative(strongest, params.quality_q16));
+        strongest = max(strongest, strengths(&sums, slots, cut, ring[y % 3]));
+        cut = max(cut, strongest * (params.quality_q16 as f32 / 65536.0));
         let margin = params.margin_px.max(1);
         if y < margin + 1 || y > h - margin {
             continue;
         }
-        let around = [y - 2, y - 1, y].map(|r| &*strengths[r % 3]);
-        for x in margin..w.saturating_sub(margin) {
-            let Some(corner) = local_maximum(around, x, y - 1, cut) else { continue };
+        let around = [y - 2, y - 1, y].map(|r| &*ring[r % 3]);
+        let peaks = &mut *raw[0];
+        find_peaks(around, peaks);
+        for x in peaks_of(&peaks[..w - margin], margin) {
+            let corner = corner_at(around, x, y - 1);
+            if (corner.strength as f32) < cut {
+                continue;
+            }
             stats.seen += 1;
             if out.push(corner).is_err() {
-                cut = cut.max(drop_weaker_half(out, &mut stats));
-                if corner.strength < cut || out.push(corner).is_err() {
+                cut = max(cut, drop_weaker_half(out, &mut stats) as f32);
+                if (corner.strength as f32) < cut || out.push(corner).is_err() {
                     stats.dropped += 1;
                 }
             }
         }
     }
-    out.retain(|c| c.strength >= cut);
+    out.retain(|c| c.strength as f32 >= cut);
     stats.kept = count(out.len());
     stats
 }
 
-/// The fraction `q16 / 65536` of `strongest`.
-#[allow(clippy::cast_possible_truncation, reason = "a fraction of an i32")]
-fn relative(strongest: i32, q16: u32) -> i32 {
-    ((i64::from(strongest) * i64::from(q16)) >> 16).min(i64::from(i32::MAX)) as i32
+/// The strengths of the middle row where no neighbour exceeds them (of equals the first
+/// in reading order wins), else 0.
+fn find_peaks([top, mid, low]: [&[f32]; 3], out: &mut [f32]) {
+    let n = mid.len() - 2;
+    let [[t0, t1, t2], [m0, m1, m2], [l0, l1, l2]] = [top, mid, low].map(|row| [0, 1, 2].map(|d| &row[d..][..n]));
+    let out = &mut out[1..][..n];
+    for i in 0..n {
+        let before = max(max(t0[i], t1[i]), max(t2[i], m0[i]));
+        let after = max(max(l0[i], l1[i]), max(l2[i], m2[i]));
+        let v = m1[i];
+        out[i] = if (v > before) & (v >= after) { v } else { 0.0 };
+    }
 }
 
-/// The corner at `x` of the middle row, if its strength reaches `cut` and no
-/// neighbour exceeds it (of equals the first in reading order wins).
-fn local_maximum(rows: [&[i32]; 3], x: usize, y: usize, cut: i32) -> Option<Corner> {
-    let [top, mid, low] = rows;
-    let v = mid[x];
-    let before = top[x - 1].max(top[x]).max(top[x + 1]).max(mid[x - 1]);
-    let after = mid[x + 1].max(low[x - 1]).max(low[x]).max(low[x + 1]);
-    if v < cut || v <= before || v < after {
-        return None;
-    }
+/// The places from `first` on where a number is not 0; most are.
+fn peaks_of(row: &[f32], first: usize) -> impl Iterator<Item = usize> {
+    let chunks = row.get(first..).unwrap_or_default().chunks(LANES).enumerate();
+    let chunks = chunks.filter(|(_, c)| c.iter().fold(0, |bits, v| bits | v.to_bits()) != 0);
+    chunks.flat_map(move |(i, c)| (0..c.len()).filter(|&k| c[k] != 0.0).map(move |k| first + LANES * i + k))
+}
+
+/// The corner at `x` of the middle row, a local maximum.
+#[allow(clippy::cast_possible_truncation, reason = "strengths are below 2^25")]
+fn corner_at([top, mid, low]: [&[f32]; 3], x: usize, y: usize) -> Corner {
     let at = |i: usize, d: i16| i16::try_from(i).unwrap_or(i16::MAX / 16).saturating_mul(16).saturating_add(d);
-    let point = Point::new(at(x, vertex(mid[x - 1], v, mid[x + 1])), at(y, vertex(top[x], v, low[x])));
-    Some(Corner { point, strength: v, radius2: 0 })
+    let point = Point::new(at(x, vertex(mid[x - 1], mid[x], mid[x + 1])), at(y, vertex(top[x], mid[x], low[x])));
+    Corner { point, strength: mid[x] as i32, radius2: 0 }
 }
 
 /// Where the parabola through `l`, `v`, `r` at -1, 0, 1 has its top, in 1/16;
 /// within half a pixel.
 #[allow(clippy::cast_possible_truncation, reason = "clamped")]
-fn vertex(l: i32, v: i32, r: i32) -> i16 {
-    let (l, v, r) = (i64::from(l), i64::from(v), i64::from(r));
-    let bend = 2 * v - l - r;
-    if bend <= 0 { 0 } else { ((r - l) * 8 / bend).clamp(-7, 7) as i16 }
+fn vertex(l: f32, v: f32, r: f32) -> i16 {
+    let bend = 2.0 * v - l - r;
+    if bend > 0.0 { ((r - l) * 8.0 / bend).clamp(-7.0, 7.0) as i16 } else { 0 }
 }
 
 /// Keeps the stronger half and returns the weakest strength that is left.
@@ -251,26 +290,81 @@ pub fn rank_by_strength(corners: &mut VecView<Corner>, min_distance_px: u16, lim
 /// using Multi-Scale Oriented Patches*, CVPR 2005). At most `limit` are left;
 /// what is cut off is counted as dropped.
 ///
-/// Cost: half the square of the number of corners.
-pub fn rank_by_radius(corners: &mut VecView<Corner>, limit: usize, stats: &mut StageStats) {
+/// `scratch` needs two numbers a corner. Cost: half the square of the number of corners at most. A corner is given up as
+/// soon as it is nearer to a stronger one than `limit` others are to theirs.
+///
+/// # Panics
+/// When `scratch` is shorter than twice the number of corners.
+pub fn rank_by_radius(corners: &mut VecView<Corner>, limit: usize, scratch: &mut [f32], stats: &mut StageStats) {
     corners.sort_unstable_by_key(by_strength);
+    let (xs, ys) = scratch[..2 * corners.len()].split_at_mut(corners.len());
+    for ((x, y), c) in xs.iter_mut().zip(&mut *ys).zip(&*corners) {
+        (*x, *y) = (f32::from(c.point.x), f32::from(c.point.y));
+    }
+    let mut reach = Reach::new(limit);
     for i in 0..corners.len() {
-        let (before, rest) = corners.split_at_mut(i);
-        let c = &mut rest[0];
         // Strengths fall, so the clearly stronger ones come first.
-        let reach = i64::from(c.strength) * 10;
-        let stronger = before.partition_point(|o| i64::from(o.strength) * 9 >= reach);
-        let distance2 = |o: &Corner| {
-            let dx = i32::from(o.point.x) - i32::from(c.point.x);
-            let dy = i32::from(o.point.y) - i32::from(c.point.y);
-            (dx * dx).cast_unsigned() + (dy * dy).cast_unsigned()
-        };
-        c.radius2 = before[..stronger].iter().map(distance2).min().unwrap_or(u32::MAX);
+        let least = i64::from(corners[i].strength) * 10;
+        let stronger = corners[..i].partition_point(|o| i64::from(o.strength) * 9 >= least);
+        corners[i].radius2 = nearest2([xs[i], ys[i]], &xs[..stronger], &ys[..stronger], reach.least);
+        reach.add(corners[i].radius2);
     }
     corners.sort_unstable_by_key(|c| (Reverse(c.radius2), by_strength(c)));
     stats.dropped += count(corners.len().saturating_sub(limit));
     corners.truncate(limit);
     stats.kept = count(corners.len());
+}
+
+/// Squared distance of a point to the nearest of others; anything below `least` if
+/// that is.
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "squares of 16 bits, or saturating")]
+fn nearest2([x, y]: [f32; 2], xs: &[f32], ys: &[f32], least: u32) -> u32 {
+    let distance2 = |a: f32, b: f32| (a - x) * (a - x) + (b - y) * (b - y);
+    let min = |a: f32, b: f32| if a < b { a } else { b };
+    let mut near = [f32::MAX; LANES];
+    let mut nearest = f32::MAX;
+    // Some chunks at a time, so that they are seldom compared with `least`.
+    for (xs, ys) in xs.chunks(8 * LANES).zip(ys.chunks(8 * LANES)) {
+        let ((xc, xr), (yc, yr)) = (xs.as_chunks::<LANES>(), ys.as_chunks::<LANES>());
+        for (a, b) in xc.iter().zip(yc) {
+            near = core::array::from_fn(|i| min(near[i], distance2(a[i], b[i])));
+        }
+        nearest = xr.iter().zip(yr).fold(nearest, |n, (&a, &b)| min(n, distance2(a, b)));
+        nearest = near.iter().fold(nearest, |n, &d| min(n, d));
+        if nearest < least as f32 {
+            break;
+        }
+    }
+    nearest as u32
+}
+
+/// What `limit` radii reach.
+struct Reach {
+    limit: usize,
+    /// Radii by the bits that their squares have.
+    bits: [u16; 33],
+    /// At least `limit` squares are not below this, which has `low` bits.
+    least: u32,
+    low: usize,
+    /// Squares of `low` bits or more.
+    above: usize,
+}
+
+impl Reach {
+    const fn new(limit: usize) -> Self {
+        Self { limit: if limit == 0 { 1 } else { limit }, bits: [0; 33], least: 0, low: 0, above: 0 }
+    }
+
+    fn add(&mut self, radius2: u32) {
+        let bits = (u32::BITS - radius2.leading_zeros()) as usize;
+        self.bits[bits] = self.bits[bits].saturating_add(1);
+        self.above += usize::from(bits >= self.low);
+        while self.above - usize::from(self.bits[self.low]) >= self.limit {
+            self.above -= usize::from(self.bits[self.low]);
+            self.low += 1;
+            self.least = 1 << (self.low - 1);
+        }
+    }
 }
 
 #[cfg(test)]
@@ -284,7 +378,7 @@ mod tests {
         let data: std::vec::Vec<u8> =
             picture.iter().flat_map(|r| r.bytes().map(|b| if b == b'#' { 200 } else { 40 })).collect();
         let mut out: Vec<Corner, 64> = Vec::new();
-        let mut scratch = std::vec![0; SCRATCH_ROWS * w];
+        let mut scratch = std::vec![0.0; SCRATCH_ROWS * w];
         let params = CornerParams { quality_q16: 655 * 20, floor: 1, margin_px: 1 };
         detect_corners(Plane::new(&data, w, h).unwrap(), &params, &mut scratch, &mut out);
         let mut map: std::vec::Vec<std::vec::Vec<u8>> = picture.iter().map(|r| r.bytes().collect()).collect();
@@ -340,11 +434,12 @@ wanted:
 
     #[test]
     fn strength_is_the_smaller_eigenvalue_doubled() {
-        assert_eq!(strength(9, 0, 4), 8);
-        assert_eq!(strength(10, 10, 10), 0);
-        assert_eq!(strength(5, 2, 2), 2 /* eigenvalues 6 and 1 */);
-        let most = 9 * 1020 * 1020;
-        assert_eq!(strength(most, 0, most), 2 * most);
+        for (a, b, c, want) in [(9.0, 0.0, 4.0, 8.0), (10.0, 10.0, 10.0, 0.0), (5.0, 2.0, 2.0, 2.0 /* of 6 and 1 */)] {
+            let got = strength(a, b, c);
+            assert!((got - want).abs() < 1e-3, "{got} for {want}");
+        }
+        let most = 9.0 * 1020.0 * 1020.0;
+        assert_eq!(strength(most, 0.0, most), 2.0 * most);
     }
 
     #[test]
@@ -357,7 +452,7 @@ wanted:
                 data[(7 + dy) * w + 6 + 8 * i + dx] = 60 + 12 * i as u8;
             }
         }
-        let mut scratch = std::vec![0; SCRATCH_ROWS * w];
+        let mut scratch = std::vec![0.0; SCRATCH_ROWS * w];
         let params = CornerParams { quality_q16: 0, floor: 1000, margin_px: 1 };
         let mut run = |out: &mut VecView<Corner>| {
             let s = detect_corners(Plane::new(&data, w, h).unwrap(), &params, &mut scratch, out);
@@ -377,7 +472,7 @@ wanted:
         let mut c: Vec<Corner, 8> =
             Vec::from_slice(&[corner(0, 0, 100), corner(16, 0, 80), corner(32, 0, 85), corner(800, 0, 10)]).unwrap();
         let mut stats = StageStats::default();
-        rank_by_radius(&mut c, 3, &mut stats);
+        rank_by_radius(&mut c, 3, &mut [0.0; 8], &mut stats);
         assert_eq!(c.iter().map(|c| c.point.x).collect::<std::vec::Vec<_>>(), [0, 800, 32]);
         assert_eq!((stats.kept, stats.dropped), (3, 1));
     }

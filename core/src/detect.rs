@@ -184,7 +184,7 @@ impl<'a> Laps<'a> {
 /// Finder of Shi-Tomasi corners and nested Delaunay triangles.
 #[derive(Debug)]
 struct Corners<const SIDE: usize, const POINTS: usize> {
-    scratch: [[i32; SIDE]; SCRATCH_ROWS],
+    scratch: [[f32; SIDE]; SCRATCH_ROWS],
     mesh: Triangulation<POINTS>,
     rules: Option<&'static Parameters>,
 }
@@ -196,9 +196,10 @@ impl<const SIDE: usize, const POINTS: usize> Finder for Corners<SIDE, POINTS> {
         if limit == 0 {
             return StageStats::default();
         }
-        let mut stats = detect_corners(luma, &rules.corners, self.scratch.as_flattened_mut(), out);
+        let scratch = self.scratch.as_flattened_mut();
+        let mut stats = detect_corners(luma, &rules.corners, scratch, out);
         match rules.ranking {
-            Ranking::Radius => rank_by_radius(out, limit, &mut stats),
+            Ranking::Radius => rank_by_radius(out, limit, scratch, &mut stats),
             Ranking::Strength(apart) => rank_by_strength(out, apart, limit, &mut stats),
         }
         stats
@@ -285,7 +286,7 @@ impl<
     pub const BUFFERS: [(&'static str, usize); 12] = [
         ("luma", LUMA),
         ("chroma", 2 * CHROMA),
-        ("corner rows", size_of::<[[i32; SIDE]; SCRATCH_ROWS]>()),
+        ("corner rows", size_of::<[[f32; SIDE]; SCRATCH_ROWS]>()),
         ("corners", size_of::<Vec<Corner, CORNERS>>()),
         ("keypoints", size_of::<Vec<Point, CORNERS>>()),
         ("triangulation", size_of::<Triangulation<POINTS>>()),
@@ -301,7 +302,7 @@ impl<
     #[must_use]
     pub const fn new() -> Self {
         Self {
-            finder: Corners { scratch: [[0; SIDE]; SCRATCH_ROWS], mesh: Triangulation::new(), rules: None },
+            finder: Corners { scratch: [[0.0; SIDE]; SCRATCH_ROWS], mesh: Triangulation::new(), rules: None },
             stages: Stages::new(),
         }
     }

@@ -16,7 +16,7 @@ use crate::pyramid::{Plane, level_of, plane_bytes};
 /// First bytes of every model.
 pub const MAGIC: [u8; 4] = *b"KGM\x1a";
 /// The version that this library writes and reads.
-pub const VERSION: u16 = 3;
+pub const VERSION: u16 = 4;
 /// Longest name of an object, bytes of UTF-8.
 pub const NAME_BYTES: usize = 32;
 /// Longest side of a training picture, px.
@@ -29,8 +29,8 @@ pub(crate) const OBJECT: usize = 56;
 pub(crate) const VIEW: usize = 44;
 pub(crate) const KEYPOINT: usize = 4;
 pub(crate) const CELL_TABLE: usize = 4 * (CELLS + 1);
-/// Bytes of a key record.
-pub const KEY: usize = 6;
+/// Bytes of a keygraph's key: one in each plane of [`Keys`].
+pub(crate) const KEY: usize = 5;
 pub(crate) const VERTICES: usize = 5;
 
 /// How the keygraphs were made, and so how frames are searched.
@@ -177,6 +177,20 @@ impl Layout {
         u32::try_from(end).ok()?;
         Some(Self { objects: o, views: v, keypoints: k, cells: c, keys, vertices, features, templates: t, end })
     }
+
+    /// Where the parts of a keygraph start, and how many bytes of each it has: the key's
+    /// planes, vertices, feature.
+    pub(crate) const fn parts(&self, feature_bytes: usize) -> [(usize, usize); KEY + 2] {
+        let n = (self.vertices - self.keys) / KEY;
+        let mut parts = [(self.vertices, VERTICES); KEY + 2];
+        let mut i = 0;
+        while i < KEY {
+            parts[i] = (self.keys + n * i, 1);
+            i += 1;
+        }
+        parts[KEY + 1] = (self.features, feature_bytes);
+        parts
+    }
 }
 
 pub(crate) fn u16_at(b: &[u8], i: usize) -> u16 {
@@ -283,6 +297,19 @@ pub struct View {
     pub centre: [f32; 2],
     /// View px per picture px (the square root of the area ratio).
     pub scale: f32,
+}
+
+/// The keys of keygraphs, byte by byte, so that many are compared at once. Within a
+/// subset they ascend, by size first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Keys<'a> {
+    /// Longest side, `16 log2(view px)`.
+    pub sizes: &'a [u8],
+    /// Half-degrees by which the largest angle (high four bits) and the second-largest
+    /// (low four) exceed the least of the subset, 0 to 9.
+    pub angles: &'a [u8],
+    /// The signature, its lowest byte first.
+    pub signatures: [&'a [u8]; 3],
 }
 
 /// A parsed model: a view that exists is valid.
@@ -539,11 +566,11 @@ impl<'a> Model<'a> {
         at(cell)..at(cell + 1)
     }
 
-    /// A record of each keygraph: size, largest angle, second angle and signature,
-    /// ascending by size within a subset.
+    /// The keys of all keygraphs.
     #[must_use]
-    pub fn keys(&self) -> &'a [[u8; KEY]] {
-        self.bytes[self.layout.keys..self.layout.vertices].as_chunks().0
+    pub fn keys(&self) -> Keys<'a> {
+        let plane = |i: usize| &self.bytes[self.layout.keys + self.keygraphs() * i..][..self.keygraphs()];
+        Keys { sizes: plane(0), angles: plane(1), signatures: [2, 3, 4].map(plane) }
     }
 
     /// Features, [`Model::feature_bytes`] each.

@@ -35,7 +35,7 @@ use crate::model::{
     KEY, KEYPOINT, Layout, MAX_PICTURE_SIDE, Method, NAME_BYTES, OBJECT, VERTICES, VIEW, template_bytes,
 };
 use crate::pyramid::{Pyramid, PyramidView, chroma_mean, luma_mean, plane_bytes, reduce_all};
-use crate::write::{key_record, put_u16, put_u32, sort_cell, write_header};
+use crate::write::{key_bytes, put_u16, put_u32, sort_cell, write_header};
 
 /// Views that one model can be made from.
 pub const MAX_VIEWS: usize = 64;
@@ -174,7 +174,7 @@ pub struct Trained {
 pub struct Trainer<const LUMA: usize, const CHROMA: usize, const SIDE: usize, const CORNERS: usize> {
     picture: Pyramid<LUMA, CHROMA>,
     view: Pyramid<LUMA, CHROMA>,
-    scratch: [[i32; SIDE]; SCRATCH_ROWS],
+    scratch: [[f32; SIDE]; SCRATCH_ROWS],
     corners: Vec<Corner, CORNERS>,
     table: Table,
     /// The views that are rendered: too many for a board's stack.
@@ -207,7 +207,7 @@ impl<const LUMA: usize, const CHROMA: usize, const SIDE: usize, const CORNERS: u
         Self {
             picture: Pyramid::new(),
             view: Pyramid::new(),
-            scratch: [[0; SIDE]; SCRATCH_ROWS],
+            scratch: [[0.0; SIDE]; SCRATCH_ROWS],
             corners: Vec::new(),
             table: Table::new(),
             plans: Vec::new(),
@@ -360,7 +360,8 @@ impl<const LUMA: usize, const CHROMA: usize, const SIDE: usize, const CORNERS: u
         render(&picture, &plan.to_loaded, plan.scale, plan.width, luma, [a, b]);
         self.view.reduce();
         let luma = self.view.view().luma(0);
-        let mut stats = detect_corners(luma, &rules.corners, self.scratch.as_flattened_mut(), &mut self.corners);
+        let scratch = self.scratch.as_flattened_mut();
+        let mut stats = detect_corners(luma, &rules.corners, scratch, &mut self.corners);
         let margin = 2.0 / plan.scale;
         let (w, h) = (picture.width() as f32 - 1.0 - margin, picture.height() as f32 - 1.0 - margin);
         self.corners.retain(|c| {
@@ -369,7 +370,7 @@ impl<const LUMA: usize, const CHROMA: usize, const SIDE: usize, const CORNERS: u
         });
         let limit = plan.keypoints.min(MAX_VIEW_KEYPOINTS);
         match rules.ranking {
-            Ranking::Radius => rank_by_radius(&mut self.corners, limit, &mut stats),
+            Ranking::Radius => rank_by_radius(&mut self.corners, limit, scratch, &mut stats),
             Ranking::Strength(apart) => rank_by_strength(&mut self.corners, apart, limit, &mut stats),
         }
     }
@@ -676,7 +677,10 @@ fn write_view(
 }
 
 fn write_keygraph(out: &mut [u8], layout: &Layout, at: usize, view: usize, k: &Keygraph, feature: &[u8]) {
-    out[layout.keys + KEY * at..][..KEY].copy_from_slice(&key_record(k.size, k.key, signature(feature)));
+    let parts = layout.parts(feature.len());
+    for ((plane, _), v) in parts.into_iter().zip(key_bytes(k.size, k.key, signature(feature))) {
+        out[plane + at] = v;
+    }
     let r = &mut out[layout.vertices + VERTICES * at..][..VERTICES];
     put_u16(r, 0, view);
     for (o, v) in r[2..].iter_mut().zip(k.vertices) {

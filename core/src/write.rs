@@ -8,7 +8,7 @@
 //! of every subset of the partition.
 
 use crate::feature::FeatureKind;
-use crate::keygraph::{CELLS, Key};
+use crate::keygraph::{BIN, CELLS, Key};
 use crate::model::{
     CHECKED, HEADER, KEY, KEYPOINT, Layout, MAGIC, Method, Model, OBJECT, VERSION, VERTICES, VIEW, crc32, u16_at,
     u32_at,
@@ -127,13 +127,8 @@ pub fn pack(models: &[Model<'_>], out: &mut [u8]) -> Result<usize, PackError> {
         let mut views = 0;
         for m in models {
             let (from, l, range) = (m.bytes(), m.layout(), m.cell(cell));
-            let sections = [
-                (layout.keys, l.keys, KEY),
-                (layout.vertices, l.vertices, VERTICES),
-                (layout.features, l.features, feature_bytes),
-            ];
-            for (to, section, each) in sections {
-                let source = &from[section + each * range.start..section + each * range.end];
+            for ((to, each), (part, _)) in layout.parts(feature_bytes).into_iter().zip(l.parts(feature_bytes)) {
+                let source = &from[part + each * range.start..part + each * range.end];
                 out[to + each * at..][..source.len()].copy_from_slice(source);
             }
             for i in at..at + range.len() {
@@ -160,22 +155,22 @@ pub(crate) fn put_u32(r: &mut [u8], at: usize, v: usize) {
     r[at..at + 4].copy_from_slice(&u32::try_from(v).unwrap_or(u32::MAX).to_le_bytes());
 }
 
-/// The key record of a keygraph.
-pub(crate) fn key_record(size: u8, key: Key, signature: u32) -> [u8; KEY] {
+/// The key of a keygraph, a byte for each plane.
+pub(crate) fn key_bytes(size: u8, key: Key, signature: u32) -> [u8; KEY] {
     let [a, b, c, _] = signature.to_le_bytes();
-    [size, key.largest, key.second, a, b, c]
+    [size, key.largest % BIN << 4 | key.second % BIN, a, b, c]
 }
 
-/// Sorts the keygraphs of a subset by their keys, in place (heap sort over three
-/// parallel sections).
+/// Sorts the keygraphs of a subset by their keys, in place (heap sort over their
+/// parallel parts).
 pub(crate) fn sort_cell(out: &mut [u8], layout: &Layout, feature_bytes: usize, range: core::ops::Range<usize>) {
     let start = range.start;
-    let key =
-        |out: &[u8], i: usize| -> [u8; KEY] { core::array::from_fn(|b| out[layout.keys + KEY * (start + i) + b]) };
+    let parts = layout.parts(feature_bytes);
+    let key = |out: &[u8], i: usize| -> [u8; KEY] { core::array::from_fn(|p| out[parts[p].0 + start + i]) };
     let swap = |out: &mut [u8], i: usize, j: usize| {
-        for (section, each) in [(layout.keys, KEY), (layout.vertices, VERTICES), (layout.features, feature_bytes)] {
+        for (part, each) in parts {
             for b in 0..each {
-                out.swap(section + each * (start + i) + b, section + each * (start + j) + b);
+                out.swap(part + each * (start + i) + b, part + each * (start + j) + b);
             }
         }
     };

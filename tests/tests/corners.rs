@@ -49,7 +49,7 @@ fn our_corners(name: &str, min_distance_px: u16, limit: usize) -> Vec<Corner> {
     // the end of a list that is cut long before.
     let params = CornerParams { quality_q16: 655, floor: 1, margin_px: 1 };
     let mut found: Box<FixedVec<Corner, 8192>> = Box::default();
-    let mut scratch = vec![0; SCRATCH_ROWS * w];
+    let mut scratch = vec![0.0; SCRATCH_ROWS * w];
     let stats = detect_corners(plane, &params, &mut scratch, &mut *found);
     assert_eq!(stats.dropped, 0, "{name}: the buffer is too small for this test");
     rank_by_strength(&mut *found, min_distance_px, limit, &mut keygraph_core::capacity::StageStats::default());
