@@ -2,8 +2,7 @@
 //!
 //! 20,000 arguments a pass, more than a processor can learn by heart: the angles
 //! of random vectors by `coarse_atan2` (micromath) and by libm, square roots by
-//! both, and integer square roots by `math::isqrt` and by the standard library.
-//! Each is checked first, against `f64` or against each other. The decision
+//! both and by `coarse_sqrt`. Each is checked first, against `f64`. The decision
 //! behind the split is `docs/decisions/0002-float-math.md`.
 //!
 //! `cargo bench -p keygraph-benches --bench float_math`
@@ -32,10 +31,6 @@ fn sum<T: Copy>(arguments: &[T], f: impl Fn(T) -> f32) -> f32 {
     black_box(arguments).iter().map(|&a| f(a)).sum()
 }
 
-fn isqrt_sum(arguments: &[u64], f: impl Fn(u64) -> u64) -> u64 {
-    black_box(arguments).iter().map(|&n| f(n)).sum()
-}
-
 fn bench(c: &mut Criterion) {
     // Vectors as keygraph angles meet them: coordinates of up to 1,000,000.
     let mut coordinate = numbers().map(|n| (n % 2_000_001) as f32 - 1_000_000.0);
@@ -46,8 +41,6 @@ fn bench(c: &mut Criterion) {
         .take(COUNT)
         .collect();
     let roots: Vec<f32> = numbers().map(|n| (n % 1_000_000) as f32).take(COUNT).collect();
-    // Sums of squares as corner strengths meet them: below 2^48, of all sizes.
-    let squares: Vec<u64> = numbers().zip(numbers().skip(7)).map(|(n, s)| n >> (s % 40)).take(COUNT).collect();
 
     let turn = |a: f32, y: f32, x: f32| (f64::from(a) - f64::from(y).atan2(f64::from(x))).abs();
     for &(y, x) in &vectors {
@@ -57,9 +50,7 @@ fn bench(c: &mut Criterion) {
     for &x in &roots {
         assert_eq!(math::sqrt(x), x.sqrt(), "sqrt({x})");
         assert!((F32Ext::sqrt(x) - x.sqrt()).abs() <= 0.07 * x.sqrt(), "micromath sqrt({x})");
-    }
-    for &n in &squares {
-        assert_eq!(u64::from(math::isqrt(n)), n.isqrt(), "isqrt({n})");
+        assert!((math::coarse_sqrt(x) - x.sqrt()).abs() <= 3e-7 * x.sqrt(), "coarse_sqrt({x})");
     }
 
     let mut group = c.benchmark_group("float_math");
@@ -71,8 +62,7 @@ fn bench(c: &mut Criterion) {
     group.bench_function("atan2: libm", |b| b.iter(|| sum(&vectors, |(y, x)| libm::atan2f(y, x))));
     group.bench_function("sqrt: micromath", |b| b.iter(|| sum(&roots, F32Ext::sqrt)));
     group.bench_function("sqrt: libm", |b| b.iter(|| sum(&roots, math::sqrt)));
-    group.bench_function("isqrt: math::isqrt", |b| b.iter(|| isqrt_sum(&squares, |n| u64::from(math::isqrt(n)))));
-    group.bench_function("isqrt: u64::isqrt", |b| b.iter(|| isqrt_sum(&squares, u64::isqrt)));
+    group.bench_function("sqrt: coarse_sqrt", |b| b.iter(|| sum(&roots, math::coarse_sqrt)));
     group.finish();
 }
 

@@ -11,12 +11,12 @@
 //! of the template (9,216 at most).
 
 use crate::capacity::LEVELS;
-use crate::frame::NO_CHROMA;
+use crate::frame::{MAX_SIDE, NO_CHROMA};
 use crate::geometry::{Homography, area, is_convex};
 use crate::math;
 use crate::model::Template;
-use crate::pose::solve;
-use crate::pyramid::{Plane, PyramidView, into_level, out_of_level};
+use crate::pose::{accumulate, solve};
+use crate::pyramid::{Plane, PyramidView, interpolate, into_level, out_of_level};
 
 /// Blocks each way.
 pub const BLOCKS: usize = 6;
@@ -108,6 +108,36 @@ impl Sums {
     }
 }
 
+/// The columns of each of `blocks` blocks of a row of `width`: those whose
+/// `x * blocks / width` is the block's number.
+fn block_columns(width: usize, blocks: usize) -> impl Iterator<Item = core::ops::Range<usize>> {
+    let start = move |b: usize| (b * width).div_ceil(blocks);
+    (0..blocks).map(move |b| start(b)..start(b + 1))
+}
+
+/// Images of points along a row.
+struct Along {
+    start: [f32; 3],
+    step: [f32; 3],
+}
+
+impl Along {
+    /// Points `(x + i step, y)` under `h`.
+    fn new(h: &Homography, x: f32, y: f32, step: f32) -> Self {
+        let h = &h.0;
+        let row = |i: usize| h[3 * i] * x + h[3 * i + 1] * y + h[3 * i + 2];
+        Self { start: [row(0), row(1), row(2)], step: [h[0] * step, h[3] * step, h[6] * step] }
+    }
+
+    /// Image of point `i`.
+    fn at(&self, i: usize) -> [f32; 2] {
+        let i = i as f32;
+        let [x, y, w] = [0, 1, 2].map(|k| self.start[k] + i * self.step[k]);
+        let reciprocal = 1.0 / w;
+        [x * reciprocal, y * reciprocal]
+    }
+}
+
 /// The pyramid level whose pixels are about as large in the frame as those of the
 /// template are under `h` (template px to frame px).
 fn level_for(h: &Homography, width: f32, height: f32) -> usize {
@@ -136,10 +166,13 @@ impl Blocks {
         let map = into_level(target).after(&h);
         let mut sums = [Sums::default(); BLOCKS * BLOCKS];
         for y in 0..th {
-            let first = y * BLOCKS / th * BLOCKS;
-            for (x, &t) in luma.row(y).iter().enumerate() {
-                if let Some(f) = bilinear(&plane, map.apply([x as f32, y as f32])) {
-                    sums[first + x * BLOCKS / tw].add(f32::from(t), f);
+            let (row, along) = (luma.row(y), Along::new(&map, 0.0, y as f32, 1.0));
+            for (block, xs) in block_columns(tw, BLOCKS).enumerate() {
+                let s = &mut sums[y * BLOCKS / th * BLOCKS + block];
+                for x in xs {
+                    if let Some(f) = bilinear(&plane, along.at(x)) {
+                        s.add(f32::from(row[x]), f);
+                    }
                 }
             }
         }
@@ -250,8 +283,11 @@ pub(crate) fn refine_by(
     for &(level, blocks, times, keep) in steps {
         let coarse = Coarse::new(template, level, blocks, side, middle);
         let mut g = best.0.after(&to_picture).after(&unit);
+        let mut light = None;
         for _ in 0..times {
-            let Some(next) = coarse.improve(view, &g) else { break };
+            // On the finest level steps are so small that the light of the one before will do.
+            light = light.filter(|_| level == 0);
+            let Some(next) = coarse.improve(view, &g, &mut light) else { break };
             g = next;
         }
         let g = g.after(&back).normalised();
@@ -282,32 +318,15 @@ impl<'a> Coarse<'a> {
         Self { luma, step: 1 << level, blocks, side, middle, size: [luma.width(), luma.height()] }
     }
 
-    fn at(&self, x: usize, y: usize) -> f32 {
-        f32::from(self.luma.row(y)[x])
-    }
-
     /// Coordinates near 1 of the middle of coarse pixel `(x, y)`.
     fn unit(&self, x: usize, y: usize) -> [f32; 2] {
         let at = |v: usize, middle: f32| ((v * self.step) as f32 + (self.step as f32 - 1.0) / 2.0 - middle) / self.side;
         [at(x, self.middle[0]), at(y, self.middle[1])]
     }
 
-    /// Calls `f(block, x, y, unit coordinates, frame)` for each inner coarse pixel
-    /// that lies in the frame.
-    fn each(&self, plane: &Plane<'_, u8>, g: &Homography, mut f: impl FnMut(usize, usize, usize, [f32; 2], f32)) {
-        let [w, h] = self.size;
-        for y in 1..h.saturating_sub(1) {
-            for x in 1..w.saturating_sub(1) {
-                let u = self.unit(x, y);
-                if let Some(v) = bilinear(plane, g.apply(u)) {
-                    f(y * self.blocks / h * self.blocks + x * self.blocks / w, x, y, u, v);
-                }
-            }
-        }
-    }
-
-    /// One Gauss-Newton step of `g`, which maps unit coordinates to the frame.
-    fn improve(&self, view: &PyramidView<'_>, g: &Homography) -> Option<Homography> {
+    /// One Gauss-Newton step of `g`, which maps unit coordinates to the frame. `light` is
+    /// that of the step before, and is brought up to date.
+    fn improve(&self, view: &PyramidView<'_>, g: &Homography, light: &mut Option<Light>) -> Option<Homography> {
         let corner = |x: f32, y: f32| g.apply([x / self.side, y / self.side]);
         let [w, h] = [self.middle[0], self.middle[1]];
         let outline = [corner(-w, -h), corner(w, -h), corner(w, h), corner(-w, h)];
@@ -319,39 +338,13 @@ impl<'a> Coarse<'a> {
         let plane = view.luma(level);
         let at = into_level(level).after(g);
 
-        let mut sums = [Sums::default(); BLOCKS * BLOCKS];
-        self.each(&plane, &at, |b, x, y, _, f| sums[b].add(self.at(x, y), f));
-        let light = sums.map(|s| {
-            let (t, f, tf) = s.moments();
-            let (tm, fm) = s.means();
-            let usable = t > 4.0 && f > 1.0;
-            let correlation = if usable { tf / math::sqrt(t * f) } else { 0.0 };
-            let weight = agreement(correlation);
-            let (ts, fs) = (1.0 / math::sqrt(t.max(1.0)), 1.0 / math::sqrt(f.max(1.0)));
-            (tm, ts, fm, fs, weight)
+        let before = light.unwrap_or_else(|| {
+            let mut dark = Moments::default();
+            self.look(&plane, &at, &DARK, &mut dark)
         });
-
-        let mut normal = [[0.0f32; 9]; 8];
-        self.each(&plane, &at, |b, x, y, [u, v], f| {
-            let (tm, ts, fm, fs, weight) = light[b];
-            if weight < 0.05 {
-                return;
-            }
-            let e = (f - fm) * fs - (self.at(x, y) - tm) * ts;
-            // Gradient in unit coordinates.
-            let k = ts * self.side / (2.0 * self.step as f32);
-            let gx = (self.at(x + 1, y) - self.at(x - 1, y)) * k;
-            let gy = (self.at(x, y + 1) - self.at(x, y - 1)) * k;
-            let along = gx * u + gy * v;
-            let row = [gx * u, gx * v, gx, gy * u, gy * v, gy, -u * along, -v * along, e];
-            let w = weight / (1.0 + e * e);
-            for i in 0..8 {
-                let r = w * row[i];
-                for j in i..9 {
-                    normal[i][j] += r * row[j];
-                }
-            }
-        });
+        let mut moments = Moments::default();
+        *light = Some(self.look(&plane, &at, &before, &mut moments));
+        let mut normal = moments.normal;
         // Damping: a little of each direction's own curvature.
         for (i, row) in normal.iter_mut().enumerate() {
             row[i] *= if i < 6 { 1.001 } else { 1.01 };
@@ -362,21 +355,130 @@ impl<'a> Coarse<'a> {
         let g = g.after(&step.inverse()?).normalised();
         g.0.iter().all(|v| v.is_finite()).then_some(g)
     }
+
+    /// Looks at each inner coarse pixel that lies in the frame: what the errors under
+    /// this light ask for goes into `moments`, what the light is comes back.
+    #[inline(never)]
+    fn look(&self, plane: &Plane<'_, u8>, map: &Homography, light: &Light, moments: &mut Moments) -> Light {
+        let [w, h] = self.size;
+        let mut sums = [Sums::default(); BLOCKS * BLOCKS];
+        // Gradient in unit coordinates.
+        let per_unit = self.side / (2.0 * self.step as f32);
+        for y in 1..h.saturating_sub(1) {
+            let [left, v] = self.unit(0, y);
+            let step = self.step as f32 / self.side;
+            let along = Along::new(map, left, v, step);
+            let [above, row, below] = [y - 1, y, y + 1].map(|y| self.luma.row(y));
+            let mut line = Line::default();
+            for (block, xs) in block_columns(w, self.blocks).enumerate() {
+                let block = y * self.blocks / h * self.blocks + block;
+                let Shade { mean_t, scale_t, mean_f, scale_f, weight } = light[block];
+                for x in xs.start.max(1)..xs.end.min(w - 1) {
+                    let Some(f) = bilinear(plane, along.at(x)) else { continue };
+                    let t = f32::from(row[x]);
+                    sums[block].add(t, f);
+                    if weight >= 0.05 {
+                        let e = (f - mean_f) * scale_f - (t - mean_t) * scale_t;
+                        let gx = f32::from(i16::from(row[x + 1]) - i16::from(row[x - 1])) * (scale_t * per_unit);
+                        let gy = f32::from(i16::from(below[x]) - i16::from(above[x])) * (scale_t * per_unit);
+                        line.add(left + x as f32 * step, gx, gy, e, weight / (1.0 + e * e));
+                    }
+                }
+            }
+            moments.add(&line, v);
+        }
+        sums.map(|s| {
+            let (t, f, tf) = s.moments();
+            let (mean_t, mean_f) = s.means();
+            let usable = t > 4.0 && f > 1.0;
+            let correlation = if usable { tf / math::sqrt(t * f) } else { 0.0 };
+            let (scale_t, scale_f) = (1.0 / math::sqrt(t.max(1.0)), 1.0 / math::sqrt(f.max(1.0)));
+            Shade { mean_t, scale_t, mean_f, scale_f, weight: agreement(correlation) }
+        })
+    }
+}
+
+/// How a block is lit in template and frame, and how much it counts.
+#[derive(Clone, Copy)]
+struct Shade {
+    mean_t: f32,
+    scale_t: f32,
+    mean_f: f32,
+    scale_f: f32,
+    weight: f32,
+}
+
+type Light = [Shade; BLOCKS * BLOCKS];
+
+/// Where nothing counts yet.
+const DARK: Light = [Shade { mean_t: 0.0, scale_t: 0.0, mean_f: 0.0, scale_f: 0.0, weight: 0.0 }; BLOCKS * BLOCKS];
+
+/// Weighted sums along a row, where v is the same: of the gradient's products `x x`, `x y`,
+/// `y y` and of its products with the error, times powers of u.
+#[derive(Default)]
+struct Line {
+    xx: [f32; 5],
+    xy: [f32; 4],
+    yy: [f32; 3],
+    xe: [f32; 3],
+    ye: [f32; 2],
+}
+
+impl Line {
+    fn add(&mut self, u: f32, gx: f32, gy: f32, e: f32, w: f32) {
+        let (wx, wy) = (w * gx, w * gy);
+        let (u2, u3) = (u * u, u * u * u);
+        let powers = [1.0, u, u2, u3, u2 * u2];
+        accumulate(&mut self.xx, &powers, wx * gx);
+        accumulate(&mut self.xy, &powers, wx * gy);
+        accumulate(&mut self.yy, &powers, wy * gy);
+        accumulate(&mut self.xe, &powers, wx * e);
+        accumulate(&mut self.ye, &powers, wy * e);
+    }
+}
+
+/// Upper triangle of the normal equations, and their right side.
+#[derive(Default)]
+struct Moments {
+    normal: [[f32; 9]; 8],
+}
+
+impl Moments {
+    /// Adds the pixels of a row. The design matrix of a pixel is `[gx u, gx v, gx, gy u,
+    /// gy v, gy, -u a, -v a]` with `a = gx u + gy v`.
+    fn add(&mut self, line: &Line, v: f32) {
+        let Line { xx, xy, yy, xe, ye } = line;
+        // Sums of gx a, gy a, a a and a e, times powers of u.
+        let xa = [0, 1, 2].map(|k| xx[k + 1] + v * xy[k]);
+        let ya = [0, 1, 2].map(|k| xy[k + 1] + v * yy[k]);
+        let aa = [0, 1, 2].map(|k| xx[k + 2] + v * (2.0 * xy[k + 1] + v * yy[k]));
+        let ae = [0, 1].map(|k| xe[k + 1] + v * ye[k]);
+        let rows: [[f32; 9]; 8] = [
+            [xx[2], v * xx[1], xx[1], xy[2], v * xy[1], xy[1], -xa[2], -v * xa[1], xe[1]],
+            [0.0, v * v * xx[0], v * xx[0], v * xy[1], v * v * xy[0], v * xy[0], -v * xa[1], -v * v * xa[0], v * xe[0]],
+            [0.0, 0.0, xx[0], xy[1], v * xy[0], xy[0], -xa[1], -v * xa[0], xe[0]],
+            [0.0, 0.0, 0.0, yy[2], v * yy[1], yy[1], -ya[2], -v * ya[1], ye[1]],
+            [0.0, 0.0, 0.0, 0.0, v * v * yy[0], v * yy[0], -v * ya[1], -v * v * ya[0], v * ye[0]],
+            [0.0, 0.0, 0.0, 0.0, 0.0, yy[0], -ya[1], -v * ya[0], ye[0]],
+            [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, aa[2], v * aa[1], -ae[1]],
+            [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, v * v * aa[0], -v * ae[0]],
+        ];
+        for (sums, row) in self.normal.iter_mut().zip(&rows) {
+            accumulate(sums, row, 1.0);
+        }
+    }
 }
 
 /// Bilinear sample; `None` outside the plane.
 fn bilinear(plane: &Plane<'_, u8>, [x, y]: [f32; 2]) -> Option<f32> {
-    let (w, h) = (plane.width() as f32, plane.height() as f32);
-    if !(x >= 0.0 && y >= 0.0 && x < w - 1.0 && y < h - 1.0) {
+    // Not a number is outside too.
+    if !(x >= 0.0 && y >= 0.0 && x < MAX_SIDE as f32 && y < MAX_SIDE as f32) {
         return None;
     }
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "inside the plane")]
-    let (ix, iy) = (x as usize, y as usize);
-    let (fx, fy) = (x - ix as f32, y - iy as f32);
-    let (top, low) = (&plane.row(iy)[ix..ix + 2], &plane.row(iy + 1)[ix..ix + 2]);
-    let mix = |r: &[u8]| f32::from(r[0]) + fx * (f32::from(r[1]) - f32::from(r[0]));
-    let (a, b) = (mix(top), mix(low));
-    Some(a + fy * (b - a))
+    #[allow(clippy::cast_possible_truncation, reason = "below MAX_SIDE")]
+    let (ix, iy) = (x as i32, y as i32);
+    let square = plane.square(ix.unsigned_abs() as usize, iy.unsigned_abs() as usize)?;
+    Some(interpolate(square, [x - ix as f32, y - iy as f32]))
 }
 
 fn chroma_correlation(view: &PyramidView<'_>, template: &Template<'_>, h: &Homography, level: usize) -> f32 {

@@ -57,8 +57,8 @@ pub struct CornerParams {
     pub margin_px: usize,
 }
 
-/// The smaller eigenvalue of `[[a, b], [b, c]]`, times two, good to a hundred-
-/// thousandth of the larger one.
+/// The smaller eigenvalue of `[[a, b], [b, c]]`, times two, good to a millionth of
+/// the larger one.
 #[must_use]
 pub fn strength(a: f32, b: f32, c: f32) -> f32 {
     let (d, e) = (a - c, 2.0 * b);

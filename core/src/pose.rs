@@ -180,13 +180,31 @@ pub fn count_agreeing(map: &Normalised, pairs: &[Pair], h: &Homography) -> u16 {
 }
 
 /// One Gauss-Newton step of a robust homography fit.
+///
+/// A pair gives two rows of the design matrix, `[u v o 0 0 0 -x u -x v]` and `[0 0 0 u v o
+/// -y u -y v]`: what their products have in common is summed once.
 #[derive(Debug)]
 pub struct Fit {
     h: Homography,
     radius2: f32,
-    /// Upper triangle of the normal equations and their right side.
-    normal: [[f32; 9]; 8],
+    /// Sums of `uu uv uo vv vo oo`, and of the first five times x and y.
+    plain: [f32; 6],
+    by_x: [f32; 5],
+    by_y: [f32; 5],
+    /// Sums of `uu uv vv` times `x x + y y`.
+    by_both: [f32; 3],
+    /// Sums of `u v o` times the errors, and of `u v` times `x ex + y ey`.
+    error_x: [f32; 3],
+    error_y: [f32; 3],
+    error_both: [f32; 2],
     weight: f32,
+}
+
+/// `sums += values * k`, element by element.
+pub(crate) fn accumulate<const N: usize>(sums: &mut [f32; N], values: &[f32], k: f32) {
+    for (s, v) in sums.iter_mut().zip(values) {
+        *s += v * k;
+    }
 }
 
 impl Fit {
@@ -194,7 +212,18 @@ impl Fit {
     /// count nothing.
     #[must_use]
     pub fn new(h: &Homography, radius: f32) -> Self {
-        Self { h: h.normalised(), radius2: radius * radius, normal: [[0.0; 9]; 8], weight: 0.0 }
+        Self {
+            h: h.normalised(),
+            radius2: radius * radius,
+            plain: [0.0; 6],
+            by_x: [0.0; 5],
+            by_y: [0.0; 5],
+            by_both: [0.0; 3],
+            error_x: [0.0; 3],
+            error_y: [0.0; 3],
+            error_both: [0.0; 2],
+            weight: 0.0,
+        }
     }
 
     /// Adds a pair of points; all coordinates near 1.
@@ -204,22 +233,42 @@ impl Fit {
         if d < 0.05 {
             return;
         }
-        let [x, y] = self.h.apply(from);
+        let o = 1.0 / d;
+        let (x, y) = ((h[0] * from[0] + h[1] * from[1] + h[2]) * o, (h[3] * from[0] + h[4] * from[1] + h[5]) * o);
         let (ex, ey) = (to[0] - x, to[1] - y);
         let e2 = (ex * ex + ey * ey) / self.radius2;
         if e2 >= 1.0 {
             return;
         }
         let w = weight * (1.0 - e2) * (1.0 - e2);
-        let (u, v, one) = (from[0] / d, from[1] / d, 1.0 / d);
-        let row_x = [u, v, one, 0.0, 0.0, 0.0, -x * u, -x * v, ex];
-        let row_y = [0.0, 0.0, 0.0, u, v, one, -y * u, -y * v, ey];
-        for i in 0..8 {
-            for j in i..9 {
-                self.normal[i][j] += w * (row_x[i] * row_x[j] + row_y[i] * row_y[j]);
+        let (u, v) = (from[0] * o, from[1] * o);
+        let (wu, wv) = (w * u, w * v);
+        let products = [wu * u, wu * v, wu * o, wv * v, wv * o, w * o * o];
+        accumulate(&mut self.plain, &products, 1.0);
+        accumulate(&mut self.by_x, &products, x);
+        accumulate(&mut self.by_y, &products, y);
+        accumulate(&mut self.by_both, &[products[0], products[1], products[3]], x * x + y * y);
+        accumulate(&mut self.error_x, &[wu, wv, w * o], ex);
+        accumulate(&mut self.error_y, &[wu, wv, w * o], ey);
+        accumulate(&mut self.error_both, &[wu, wv], x * ex + y * ey);
+        self.weight += w;
+    }
+
+    /// Upper triangle of the normal equations and their right side.
+    fn normal(&self) -> [[f32; 9]; 8] {
+        let [uu, uv, uo, vv, vo, oo] = self.plain;
+        let mut n = [[0.0; 9]; 8];
+        for (at, by, error) in [(0, &self.by_x, &self.error_x), (3, &self.by_y, &self.error_y)] {
+            n[at][at..at + 3].copy_from_slice(&[uu, uv, uo]);
+            n[at + 1][at + 1..at + 3].copy_from_slice(&[vv, vo]);
+            n[at + 2][at + 2] = oo;
+            for (row, [a, b]) in [[by[0], by[1]], [by[1], by[3]], [by[2], by[4]]].into_iter().enumerate() {
+                n[at + row][6..].copy_from_slice(&[-a, -b, error[row]]);
             }
         }
-        self.weight += w;
+        n[6][6..].copy_from_slice(&[self.by_both[0], self.by_both[1], -self.error_both[0]]);
+        n[7][7..].copy_from_slice(&[self.by_both[2], -self.error_both[1]]);
+        n
     }
 
     /// Total weight of the pairs that agreed.
@@ -232,30 +281,31 @@ impl Fit {
     /// drawn to that of `prior` with the weight `pull`. `None` when
     /// the pairs do not determine it.
     #[must_use]
-    pub fn step(mut self, projective: bool, prior: &Homography, pull: f32) -> Option<Homography> {
+    pub fn step(self, projective: bool, prior: &Homography, pull: f32) -> Option<Homography> {
         if self.weight < 2.0 {
             return None;
         }
         let n = if projective { 8 } else { 6 };
+        let mut normal = self.normal();
         // A weak pull towards the current map holds directions that the pairs
         // leave open; a stronger one keeps perspective from fitting noise.
         for i in 0..n {
-            self.normal[i][i] += if i < 6 { 2e-3 } else { 1e-2 } * self.weight.max(4.0) * 0.25;
+            normal[i][i] += if i < 6 { 2e-3 } else { 1e-2 } * self.weight.max(4.0) * 0.25;
         }
         // Few pairs do not make a shape: it tends to that of the prior.
         for i in [0, 1, 3, 4] {
-            self.normal[i][i] += pull;
-            self.normal[i][8] += pull * (prior.0[i] - self.h.0[i]);
+            normal[i][i] += pull;
+            normal[i][8] += pull * (prior.0[i] - self.h.0[i]);
         }
         if projective {
             // The perspective terms themselves, not their change, tend to zero.
             for i in 6..8 {
                 let pull = 4e-3 * self.weight.max(4.0) * 0.25;
-                self.normal[i][i] += pull;
-                self.normal[i][8] -= pull * self.h.0[i];
+                normal[i][i] += pull;
+                normal[i][8] -= pull * self.h.0[i];
             }
         }
-        let delta = solve(&mut self.normal, n)?;
+        let delta = solve(&mut normal, n)?;
         let mut h = self.h;
         for (h, d) in h.0.iter_mut().zip(delta) {
             *h += d;

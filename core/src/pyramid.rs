@@ -62,15 +62,37 @@ impl<'a, T: Copy> Plane<'a, T> {
 }
 
 impl Plane<'_, u8> {
+    /// The pixels `(x, y)` and beside it, and the two below; `None` where one of them is
+    /// outside.
+    #[must_use]
+    pub fn square(&self, x: usize, y: usize) -> Option<[[u8; 2]; 2]> {
+        if x + 1 >= self.width {
+            return None;
+        }
+        let low = self.data.get((y + 1) * self.width + x..)?.first_chunk()?;
+        Some([*self.data[y * self.width + x..].first_chunk()?, *low])
+    }
+
     /// The value at `(x, y)`, in between by their distance; clamped to the plane.
     #[must_use]
     pub fn bilinear(&self, [x, y]: [f32; 2]) -> f32 {
         let (ix, iy) = (math::floor(x), math::floor(y));
-        let (fx, fy) = (x - ix as f32, y - iy as f32);
-        let at = |dx: i32, dy: i32| f32::from(self.nearest(ix + dx, iy + dy));
-        let (top, low) = (at(0, 0) + fx * (at(1, 0) - at(0, 0)), at(0, 1) + fx * (at(1, 1) - at(0, 1)));
-        top + fy * (low - top)
+        let inside = usize::try_from(ix).ok().zip(usize::try_from(iy).ok());
+        let square = inside.and_then(|(x, y)| self.square(x, y)).unwrap_or_else(|| {
+            let at = |dx: i32, dy: i32| self.nearest(ix.saturating_add(dx), iy.saturating_add(dy));
+            [[at(0, 0), at(1, 0)], [at(0, 1), at(1, 1)]]
+        });
+        interpolate(square, [x - ix as f32, y - iy as f32])
     }
+}
+
+/// The value between four pixels, `x` of the way to the right and `y` down.
+pub(crate) fn interpolate(square: [[u8; 2]; 2], [x, y]: [f32; 2]) -> f32 {
+    let [top, low] = square.map(|r| {
+        let [a, b] = r.map(f32::from);
+        a + x * (b - a)
+    });
+    top + y * (low - top)
 }
 
 /// Owner of the planes of one frame.

@@ -89,12 +89,9 @@ fn fixed(v: f32) -> i32 {
 /// Bilinear sample; `None` outside the plane.
 fn sample(plane: &Plane<'_, u8>, [x, y]: [i32; 2]) -> Option<i32> {
     let (ix, iy) = (usize::try_from(x >> SHIFT).ok()?, usize::try_from(y >> SHIFT).ok()?);
-    if ix + 1 >= plane.width() || iy + 1 >= plane.height() {
-        return None;
-    }
+    let square = plane.square(ix, iy)?;
     let (fx, fy) = (x >> 8 & 0xff, y >> 8 & 0xff);
-    let mix = |r: &[u8]| i32::from(r[0]) * (256 - fx) + i32::from(r[1]) * fx;
-    let (top, low) = (mix(&plane.row(iy)[ix..ix + 2]), mix(&plane.row(iy + 1)[ix..ix + 2]));
+    let [top, low] = square.map(|[a, b]| i32::from(a) * (256 - fx) + i32::from(b) * fx);
     Some((top * (256 - fy) + low * fy + (1 << 15)) >> 16)
 }
 

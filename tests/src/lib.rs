@@ -121,7 +121,7 @@ impl Sections {
     /// Entries of the subset table: one more than there are subsets.
     pub const CELLS: usize = 865;
     /// Bytes of a key record.
-    pub const KEY: usize = 6;
+    pub const KEY: usize = 5;
     /// Bytes of a vertex record.
     pub const VERTICES: usize = 5;
 

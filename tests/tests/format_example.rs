@@ -115,7 +115,9 @@ fn the_keygraph_is_the_page_s_and_what_core_makes_of_its_points() {
     let model = Model::parse(&bytes).unwrap();
     let points = [0, 1, 2].map(|i| model.keypoint(i));
     assert_eq!(model.keygraph(0), (0, [points[1], points[2], points[0]]));
-    assert_eq!(model.keys(), [[74, 54, 116, 0x3f, 0xf0, 0x03]]);
+    let keys = model.keys();
+    assert_eq!((keys.sizes, keys.angles), (&[74][..], &[0x46][..]), "54 and 116 half-degrees");
+    assert_eq!(keys.signatures, [&[0x3f], &[0xf0], &[0x03]]);
     let rising = [0x58, 0x60, 0x68, 0x70, 0x78, 0x80, 0x88, 0x90, 0x98, 0xa0, 0xa8, 0xb0];
     assert_eq!(model.features(), [&rising[..], &[0x80; 6], &[0x90; 6]].concat());
     assert_eq!(signature(model.features()), 0x03_f03f);
@@ -148,7 +150,7 @@ fn the_tables_are_right() {
         assert_eq!(told, bytes.to_string(), "{row}");
     }
     assert_eq!(Sections::CELLS, CELLS + 1);
-    assert_eq!(Sections::of(&example()).end, 3774);
+    assert_eq!(Sections::of(&example()).end, 3773);
     // The records' fields follow each other and fill the record.
     for (heading, length) in [
         ("## Header", Sections::HEADER),
