@@ -192,8 +192,8 @@ impl<'a> Frame<'a> {
         match self.format {
             PixelFormat::Gray8 | PixelFormat::Nv12 | PixelFormat::I420 => luma.copy_from_slice(&data[..n]),
             PixelFormat::Yuyv => luma.iter_mut().zip(data.chunks_exact(2)).for_each(|(y, p)| *y = p[0]),
-            PixelFormat::Rgb8 => luma_from_rgb(luma, |i| rgb8(data, i)),
-            PixelFormat::Rgb565 => luma_from_rgb(luma, |i| rgb565(data, i)),
+            PixelFormat::Rgb8 => luma_from_rgb(luma, data.as_chunks().0, rgb8),
+            PixelFormat::Rgb565 => luma_from_rgb(luma, data.as_chunks().0, rgb565),
         }
     }
 
@@ -212,8 +212,8 @@ impl<'a> Frame<'a> {
                 a[..c].fill(NO_CHROMA);
                 b[..c].fill(NO_CHROMA);
             }
-            PixelFormat::Rgb8 => chroma_from_rgb(w, h, a, b, |i| rgb8(data, i)),
-            PixelFormat::Rgb565 => chroma_from_rgb(w, h, a, b, |i| rgb565(data, i)),
+            PixelFormat::Rgb8 => chroma_from_rgb(w, a, b, data.as_chunks().0, rgb8),
+            PixelFormat::Rgb565 => chroma_from_rgb(w, a, b, data.as_chunks().0, rgb565),
             PixelFormat::Yuyv => {
                 let at = |x: usize, y: usize| &data[2 * (y * w + 2 * x)..][..4];
                 chroma_from_yuv(w, h, a, b, |x, y| {
@@ -237,37 +237,38 @@ impl<'a> Frame<'a> {
     }
 }
 
-/// Red, green and blue of pixel `i`.
-fn rgb8(data: &[u8], i: usize) -> [i32; 3] {
-    let p = &data[3 * i..3 * i + 3];
-    [i32::from(p[0]), i32::from(p[1]), i32::from(p[2])]
+/// Red, green and blue of a pixel.
+fn rgb8(pixel: [u8; 3]) -> [i32; 3] {
+    pixel.map(i32::from)
 }
 
-fn rgb565(data: &[u8], i: usize) -> [i32; 3] {
-    let v = i32::from(u16::from_le_bytes([data[2 * i], data[2 * i + 1]]));
+fn rgb565(pixel: [u8; 2]) -> [i32; 3] {
+    let v = i32::from(u16::from_le_bytes(pixel));
     let (r, g, b) = (v >> 11, v >> 5 & 63, v & 31);
     [r << 3 | r >> 2, g << 2 | g >> 4, b << 3 | b >> 2]
 }
 
-fn luma_from_rgb(luma: &mut [u8], rgb: impl Fn(usize) -> [i32; 3]) {
-    for (i, y) in luma.iter_mut().enumerate() {
-        let [r, g, b] = rgb(i);
+fn luma_from_rgb<const N: usize>(luma: &mut [u8], pixels: &[[u8; N]], rgb: impl Fn([u8; N]) -> [i32; 3]) {
+    for (y, &pixel) in luma.iter_mut().zip(pixels) {
+        let [r, g, b] = rgb(pixel);
         *y = narrow((4899 * r + 9617 * g + 1868 * b + 8192) >> 14);
     }
 }
 
-fn chroma_from_rgb(w: usize, h: usize, a: &mut [i8], b: &mut [i8], rgb: impl Fn(usize) -> [i32; 3]) {
-    let cw = w / 2;
-    for y in 0..h / 2 {
-        for x in 0..cw {
-            let i = 2 * y * w + 2 * x;
-            let mut s = [0i32; 3];
-            for p in [i, i + 1, i + w, i + w + 1].map(&rgb) {
-                for c in 0..3 {
-                    s[c] += p[c];
-                }
-            }
-            [a[y * cw + x], b[y * cw + x]] = chroma(s);
+fn chroma_from_rgb<const N: usize>(
+    w: usize,
+    a: &mut [i8],
+    b: &mut [i8],
+    pixels: &[[u8; N]],
+    rgb: impl Fn([u8; N]) -> [i32; 3],
+) {
+    let planes = a.chunks_exact_mut(w / 2).zip(b.chunks_exact_mut(w / 2));
+    for (rows, (a, b)) in pixels.chunks_exact(2 * w).zip(planes) {
+        let (top, low) = rows.split_at(w);
+        let blocks = top.as_chunks::<2>().0.iter().zip(low.as_chunks::<2>().0);
+        for (([p, q], [r, s]), (a, b)) in blocks.zip(a.iter_mut().zip(b)) {
+            let [p, q, r, s] = [*p, *q, *r, *s].map(&rgb);
+            [*a, *b] = chroma([0, 1, 2].map(|c| p[c] + q[c] + r[c] + s[c]));
         }
     }
 }
