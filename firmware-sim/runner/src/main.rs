@@ -184,7 +184,7 @@ fn gather(cli: &Cli, inputs: &[PathBuf]) -> Result<(Vec<Shot>, Vec<u8>, bool)> {
     for item in Source::open(inputs)? {
         let (source, frame) = (item.source, item.frame);
         let taken = item.picture.and_then(|picture| {
-            let scaled = prepare(&picture, host_profile(cli.profile), Some(cli.format));
+            let scaled = prepare(&picture, host_profile(cli.profile), Some(cli.format.0));
             Frame::new(scaled.format, scaled.width, scaled.height, &scaled.data).with_context(|| source.clone())?;
             let limit = 2 * cli.profile_pixels();
             ensure!(
@@ -249,7 +249,7 @@ fn agrees(cli: &Cli, model: &Model<'_>, shot: &Shot, board: &Digests) -> Result<
         profile: host_profile(cli.profile),
         threshold: cli.threshold,
         details: false,
-        format: Some(cli.format),
+        format: Some(cli.format.0),
         digests: true,
     };
     let host = search_for(&shot.picture, model, &request, 0)?.digests.context("digests were asked for")?;
