@@ -23,6 +23,7 @@ use crate::capacity::StageStats;
 use crate::geometry::Point;
 use crate::math;
 use crate::pyramid::Plane;
+use crate::sort::sort_by_key;
 
 /// Rows of `i32`, each as long as the image is wide, that [`detect_corners`]
 /// works in.
@@ -224,7 +225,7 @@ const fn count(n: usize) -> u32 {
 /// `min_distance_px`, keeps the stronger: the plain ranking of OpenCV. At most
 /// `limit` are left; those beyond, far enough from the others, count as dropped.
 pub fn rank_by_strength(corners: &mut VecView<Corner>, min_distance_px: u16, limit: usize, stats: &mut StageStats) {
-    corners.sort_unstable_by_key(by_strength);
+    sort_by_key(corners, by_strength);
     let least2 = i64::from(min_distance_px).pow(2);
     let pixel = |p: Point| Point::new((p.x + 8) >> 4, (p.y + 8) >> 4);
     let mut kept = 0;
@@ -253,7 +254,7 @@ pub fn rank_by_strength(corners: &mut VecView<Corner>, min_distance_px: u16, lim
 ///
 /// Cost: half the square of the number of corners.
 pub fn rank_by_radius(corners: &mut VecView<Corner>, limit: usize, stats: &mut StageStats) {
-    corners.sort_unstable_by_key(by_strength);
+    sort_by_key(corners, by_strength);
     for i in 0..corners.len() {
         let (before, rest) = corners.split_at_mut(i);
         let c = &mut rest[0];
@@ -267,7 +268,7 @@ pub fn rank_by_radius(corners: &mut VecView<Corner>, limit: usize, stats: &mut S
         };
         c.radius2 = before[..stronger].iter().map(distance2).min().unwrap_or(u32::MAX);
     }
-    corners.sort_unstable_by_key(|c| (Reverse(c.radius2), by_strength(c)));
+    sort_by_key(corners, |c| (Reverse(c.radius2), by_strength(c)));
     stats.dropped += count(corners.len().saturating_sub(limit));
     corners.truncate(limit);
     stats.kept = count(corners.len());

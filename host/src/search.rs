@@ -103,7 +103,7 @@ pub fn prepare(picture: &Picture, profile: Profile, format: Option<PixelFormat>)
     let scaled = fit(picture, side, pixels);
     let Some(format) = format else { return scaled };
     let (width, height, data) = sense(scaled.format, (scaled.width, scaled.height), &scaled.data, format);
-    Scaled { format: format.into(), width, height, data: Cow::Owned(data), scale: scaled.scale }
+    Scaled { format, width, height, data: Cow::Owned(data), scale: scaled.scale }
 }
 
 /// What was found in one frame, in px of the input.
