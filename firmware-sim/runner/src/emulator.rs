@@ -10,7 +10,7 @@ use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-use addr2line::{Loader, demangle_auto};
+use addr2line::Loader;
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use defmt_decoder::{DecodeError, Table};
 use keygraph_firmware_sim::wire::{FRAMES, ICOUNT, RESULTS};
@@ -133,7 +133,8 @@ fn decode_log(elf: &Path, mut output: impl Read, log: &mut dyn FnMut(&str)) -> R
     }
 }
 
-/// A line for each address of code in `message`: function, file and line.
+/// A line for each address of code in `message`: the function it is in with file and
+/// line, and, where that is inlined, those around it.
 fn explain(elf: &Path, message: &str) -> Result<Vec<String>> {
     let number = |(at, _)| u64::from_str_radix(message.get(at + 2..at + 10)?, 16).ok();
     let addresses: Vec<u64> = message.match_indices("0x").filter_map(number).collect();
@@ -144,12 +145,17 @@ fn explain(elf: &Path, message: &str) -> Result<Vec<String>> {
     let explained = addresses.iter().enumerate().filter_map(|(i, address)| {
         // Bit 0 says Thumb; the second address, to return to, lies behind the call.
         let code = (address & !1).saturating_sub(2 * i as u64);
-        let function = demangle_auto(source.find_symbol(code)?.into(), None);
-        let place = source.find_location(code).ok().flatten().and_then(|l| {
-            let file = Path::new(l.file?).file_name()?.to_string_lossy().into_owned();
-            Some(format!(" ({file}:{})", l.line?))
-        });
-        Some(format!("{address:#010x} is in {function}{}", place.unwrap_or_default()))
+        let mut frames = source.find_frames(code).ok()?;
+        let mut places = Vec::new();
+        while let Ok(Some(frame)) = frames.next() {
+            let name = frame.function.as_ref().and_then(|f| Some(f.demangle().ok()?.into_owned()));
+            let place = frame.location.and_then(|l| {
+                let file = Path::new(l.file?).file_name()?.to_string_lossy().into_owned();
+                Some(format!(" ({file}:{})", l.line?))
+            });
+            places.push(name? + &place.unwrap_or_default());
+        }
+        (!places.is_empty()).then(|| format!("{address:#010x} is in {}", places.join(", within ")))
     });
     Ok(explained.collect())
 }
