@@ -1,4 +1,5 @@
 //! Gives the linker the memory of the modelled board: what does not fit does not link.
+//! With the feature `sample`, gives the compiler the model to link in.
 
 use std::path::PathBuf;
 use std::{env, fs};
@@ -17,6 +18,12 @@ fn main() {
     let out = PathBuf::from(env::var("OUT_DIR").expect("cargo sets OUT_DIR"));
     fs::copy(format!("memory/{board}.x"), out.join("memory.x")).expect("memory/ holds a file for each board");
     println!("cargo:rustc-link-search={}", out.display());
+    println!("cargo:rerun-if-env-changed=KEYGRAPH_MODEL");
+    if env::var_os("CARGO_FEATURE_SAMPLE").is_some() {
+        let model = env::var("KEYGRAPH_MODEL").expect("set KEYGRAPH_MODEL to the model to link in, a .kgm file");
+        println!("cargo:rerun-if-changed={model}");
+        fs::copy(&model, out.join("model.kgm")).unwrap_or_else(|e| panic!("cannot read {model}: {e}"));
+    }
     for argument in ["--nmagic", "-Tlink.x", "-Tdefmt.x"] {
         println!("cargo:rustc-link-arg={argument}");
     }

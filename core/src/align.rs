@@ -17,6 +17,7 @@ use crate::math;
 use crate::model::Template;
 use crate::pose::{accumulate, solve};
 use crate::pyramid::{Plane, PyramidView, interpolate, into_level, out_of_level};
+use crate::sort::sort;
 
 /// Blocks each way.
 pub const BLOCKS: usize = 6;
@@ -203,7 +204,7 @@ impl Blocks {
 
     fn median(&mut self) -> f32 {
         let values = &mut self.values[..self.n];
-        values.sort_unstable_by(f32::total_cmp);
+        sort(values, |a, b| a.total_cmp(b).is_lt());
         values.get(values.len() / 2).copied().unwrap_or(0.0)
     }
 }

@@ -25,6 +25,7 @@ use crate::capacity::StageStats;
 use crate::geometry::Point;
 use crate::math;
 use crate::pyramid::Plane;
+use crate::sort::sort_by_key;
 
 /// Rows of `f32`, each as long as the image is wide, that [`detect_corners`]
 /// works in.
@@ -263,7 +264,7 @@ const fn count(n: usize) -> u32 {
 /// `min_distance_px`, keeps the stronger: the plain ranking of OpenCV. At most
 /// `limit` are left; those beyond, far enough from the others, count as dropped.
 pub fn rank_by_strength(corners: &mut VecView<Corner>, min_distance_px: u16, limit: usize, stats: &mut StageStats) {
-    corners.sort_unstable_by_key(by_strength);
+    sort_by_key(corners, by_strength);
     let least2 = i64::from(min_distance_px).pow(2);
     let pixel = |p: Point| Point::new((p.x + 8) >> 4, (p.y + 8) >> 4);
     let mut kept = 0;
@@ -290,13 +291,14 @@ pub fn rank_by_strength(corners: &mut VecView<Corner>, min_distance_px: u16, lim
 /// using Multi-Scale Oriented Patches*, CVPR 2005). At most `limit` are left;
 /// what is cut off is counted as dropped.
 ///
-/// `scratch` needs two numbers a corner. Cost: half the square of the number of corners at most. A corner is given up as
-/// soon as it is nearer to a stronger one than `limit` others are to theirs.
+/// `scratch` needs two numbers a corner. Cost: half the square of the number of corners
+/// at most; a corner is given up as soon as it is nearer to a stronger one than `limit`
+/// others are to theirs.
 ///
 /// # Panics
 /// When `scratch` is shorter than twice the number of corners.
 pub fn rank_by_radius(corners: &mut VecView<Corner>, limit: usize, scratch: &mut [f32], stats: &mut StageStats) {
-    corners.sort_unstable_by_key(by_strength);
+    sort_by_key(corners, by_strength);
     let (xs, ys) = scratch[..2 * corners.len()].split_at_mut(corners.len());
     for ((x, y), c) in xs.iter_mut().zip(&mut *ys).zip(&*corners) {
         (*x, *y) = (f32::from(c.point.x), f32::from(c.point.y));
@@ -309,7 +311,7 @@ pub fn rank_by_radius(corners: &mut VecView<Corner>, limit: usize, scratch: &mut
         corners[i].radius2 = nearest2([xs[i], ys[i]], &xs[..stronger], &ys[..stronger], reach.least);
         reach.add(corners[i].radius2);
     }
-    corners.sort_unstable_by_key(|c| (Reverse(c.radius2), by_strength(c)));
+    sort_by_key(corners, |c| (Reverse(c.radius2), by_strength(c)));
     stats.dropped += count(corners.len().saturating_sub(limit));
     corners.truncate(limit);
     stats.kept = count(corners.len());

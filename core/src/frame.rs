@@ -45,6 +45,9 @@ pub enum PixelFormat {
 }
 
 impl PixelFormat {
+    /// Every format, in the order of their declaration: `ALL[f as usize] == f`.
+    pub const ALL: [Self; 6] = [Self::Rgb8, Self::Gray8, Self::Yuyv, Self::Nv12, Self::I420, Self::Rgb565];
+
     /// Bytes of a frame of `width` x `height` px, without padding.
     #[must_use]
     pub const fn bytes(self, width: usize, height: usize) -> usize {
@@ -375,6 +378,15 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn all_formats_are_listed_in_order() {
+        for (i, format) in PixelFormat::ALL.into_iter().enumerate() {
+            assert_eq!(format as usize, i, "{format:?}");
+        }
+        // The last of the declaration.
+        assert_eq!(PixelFormat::Rgb565 as usize + 1, PixelFormat::ALL.len());
     }
 
     #[test]

@@ -87,6 +87,7 @@ pub use heapless;
 
 pub mod capacity;
 pub mod math;
+pub mod sort;
 pub mod geometry;
 pub mod frame;
 pub mod shrink;

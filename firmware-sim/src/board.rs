@@ -72,6 +72,13 @@ pub fn stack_bytes() -> u32 {
     (top as usize - word as usize) as u32
 }
 
+/// The model that is linked in, at the start of the region that is kept for models.
+#[cfg(feature = "sample")]
+#[used]
+#[unsafe(link_section = ".model")]
+static SAMPLE: [u8; include_bytes!(concat!(env!("OUT_DIR"), "/model.kgm")).len()] =
+    *include_bytes!(concat!(env!("OUT_DIR"), "/model.kgm"));
+
 /// The region of flash that is kept for models.
 fn model_region() -> &'static [u8] {
     let (start, end) = (addr_of!(_model_start), addr_of!(_model_end));

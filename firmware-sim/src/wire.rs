@@ -71,30 +71,20 @@ pub struct FrameHeader {
     pub size: [u32; 2],
 }
 
-const FORMATS: [PixelFormat; 6] = [
-    PixelFormat::Rgb8,
-    PixelFormat::Gray8,
-    PixelFormat::Yuyv,
-    PixelFormat::Nv12,
-    PixelFormat::I420,
-    PixelFormat::Rgb565,
-];
-
 impl FrameHeader {
     /// How many words it has.
     pub const WORDS: usize = 3;
 
     /// As words.
     #[must_use]
-    pub fn encode(&self) -> [u32; Self::WORDS] {
-        let format = FORMATS.iter().position(|f| *f == self.format).unwrap_or(0);
-        [format as u32, self.size[0], self.size[1]]
+    pub const fn encode(&self) -> [u32; Self::WORDS] {
+        [self.format as u32, self.size[0], self.size[1]]
     }
 
     /// From words; `None` for a format that does not exist.
     #[must_use]
     pub fn decode([format, width, height]: [u32; Self::WORDS]) -> Option<Self> {
-        Some(Self { format: *FORMATS.get(format as usize)?, size: [width, height] })
+        Some(Self { format: *PixelFormat::ALL.get(format as usize)?, size: [width, height] })
     }
 
     /// Bytes of the frame.
@@ -201,10 +191,10 @@ mod tests {
 
     #[test]
     fn every_format_has_its_number() {
-        for format in FORMATS {
+        for format in PixelFormat::ALL {
             let header = FrameHeader { format, size: [320, 240] };
             assert_eq!(FrameHeader::decode(header.encode()), Some(header));
         }
-        assert_eq!(FrameHeader::decode([6, 320, 240]), None);
+        assert_eq!(FrameHeader::decode([PixelFormat::ALL.len() as u32, 320, 240]), None);
     }
 }

@@ -9,7 +9,7 @@ use std::{env, fs, io};
 use keygraph_core::frame::{Frame, PixelFormat};
 use keygraph_core::model::Model;
 use keygraph_core::write::{pack, packed_len};
-use keygraph_fuzz::{FORMATS, KINDS, PICTURE, detector, models, picture};
+use keygraph_fuzz::{KINDS, PICTURE, detector, models, picture};
 
 fn main() -> io::Result<()> {
     let folder = env::args().nth(1).unwrap_or_else(|| "seeds".into());
@@ -24,7 +24,7 @@ fn main() -> io::Result<()> {
     write("model", "two.kgm".into(), &packed(&models()[0]))?;
     let (w, h) = PICTURE;
     let sides = [w, h].map(|v| u8::try_from(v - 16).unwrap_or(0));
-    for (f, format) in (0u8..).zip(FORMATS) {
+    for (f, format) in (0u8..).zip(PixelFormat::ALL) {
         let pixels = convert(format, picture(), w);
         let part: Vec<u8> = picture().chunks(3 * w).flat_map(|row| &row[..3 * 64]).copied().collect();
         let part = convert(format, &part, 64);

@@ -15,16 +15,6 @@ use keygraph_core::train::{QqvgaTrainer, TrainParams, ViewSpec};
 use zune_jpeg::JpegDecoder;
 use zune_jpeg::zune_core::bytestream::ZCursor;
 
-/// Every pixel format; a byte of the fuzzer picks one.
-pub const FORMATS: [PixelFormat; 6] = [
-    PixelFormat::Rgb8,
-    PixelFormat::Gray8,
-    PixelFormat::Yuyv,
-    PixelFormat::Nv12,
-    PixelFormat::I420,
-    PixelFormat::Rgb565,
-];
-
 /// Every kind of model that training makes; a byte of the fuzzer picks one.
 pub const KINDS: [(Method, FeatureKind); 4] = [
     (Method::Keygraph, FeatureKind::Both),
@@ -148,7 +138,7 @@ impl Input<'_> {
 /// A frame of the fuzzer's bytes: format, width and height first, then pixels. The
 /// sides are those that the format allows, up to the profile's.
 pub fn frame_bytes(input: &mut Input<'_>, max: (usize, usize)) -> (PixelFormat, usize, usize, Vec<u8>) {
-    let format = FORMATS[usize::from(input.byte()) % FORMATS.len()];
+    let format = PixelFormat::ALL[usize::from(input.byte()) % PixelFormat::ALL.len()];
     let (odd_width, odd_height) = match format {
         PixelFormat::Yuyv => (0, 1),
         PixelFormat::Nv12 | PixelFormat::I420 => (0, 0),

@@ -258,7 +258,7 @@ fn dispatch(command: Command) -> Result<ExitCode> {
             let options = Options {
                 profile,
                 threshold,
-                format,
+                format: format.map(|f| f.0),
                 digests,
                 threads: threads.map_or_else(default_threads, usize::from),
                 track,

@@ -14,6 +14,7 @@ use std::thread;
 
 use anyhow::{Context, Result, anyhow};
 use keygraph_core::camera::PlanePose;
+use keygraph_core::frame::PixelFormat;
 use keygraph_core::model::Model;
 use keygraph_core::track::Tracker;
 
@@ -21,7 +22,6 @@ use crate::annotate::{Canvas, Outline, colour, draw_axes, draw_corners, draw_lab
 use crate::input::{Kind, Picture, Source, SourceFrame};
 use crate::pose::Calibration;
 use crate::search::{Found, MAX_THREADS, Profile, Request, follow, search_for};
-use crate::sensor::SensorFormat;
 
 /// How frames are searched.
 #[derive(Clone, Copy, Debug)]
@@ -37,7 +37,7 @@ pub struct Options<'a> {
     /// Whether to draw what was found.
     pub annotate: bool,
     /// The sensor that frames are turned into the format of.
-    pub format: Option<SensorFormat>,
+    pub format: Option<PixelFormat>,
     /// Whether to tell digests of the stages.
     pub digests: bool,
     /// Camera and widths, where poses are wanted.

@@ -18,7 +18,7 @@ use keygraph_core::shrink::shrink;
 use keygraph_core::track::{State, Track, Tracker};
 
 use crate::input::{Picture, Pixels};
-use crate::sensor::{SensorFormat, sense};
+use crate::sensor::sense;
 
 /// A frame size that detectors are built for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -98,12 +98,12 @@ pub fn fit(picture: &Picture, side: usize, pixels: usize) -> Scaled<'_> {
 /// `picture` as a detector of this profile takes it: scaled down, and in the format of
 /// a sensor where one is wanted.
 #[must_use]
-pub fn prepare(picture: &Picture, profile: Profile, format: Option<SensorFormat>) -> Scaled<'_> {
+pub fn prepare(picture: &Picture, profile: Profile, format: Option<PixelFormat>) -> Scaled<'_> {
     let (side, pixels) = profile.limits();
     let scaled = fit(picture, side, pixels);
     let Some(format) = format else { return scaled };
     let (width, height, data) = sense(scaled.format, (scaled.width, scaled.height), &scaled.data, format);
-    Scaled { format: format.into(), width, height, data: Cow::Owned(data), scale: scaled.scale }
+    Scaled { format, width, height, data: Cow::Owned(data), scale: scaled.scale }
 }
 
 /// What was found in one frame, in px of the input.
@@ -186,7 +186,7 @@ pub struct Request {
     pub details: bool,
     /// The format of the sensor that is to be stood in for; else the pixels are taken
     /// as they were decoded.
-    pub format: Option<SensorFormat>,
+    pub format: Option<PixelFormat>,
     /// Whether to tell digests; of what is searched alone, not of what is followed.
     pub digests: bool,
 }

@@ -8,37 +8,41 @@
 //!
 //! Memory: the pixels as RGB, and the new buffer. Cost: a pass over the pixels.
 
+use clap::ValueEnum;
+use clap::builder::PossibleValue;
 use keygraph_core::frame::PixelFormat;
 
 use crate::annotate::i420_to_rgb;
 
-/// The formats that the detector takes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-pub enum SensorFormat {
-    /// 3 bytes a pixel: red, green, blue
-    Rgb8,
-    /// 1 byte a pixel: no colour
-    Gray8,
-    /// 4:2:2 packed, Y U Y V
-    Yuyv,
-    /// 4:2:0, a plane of Y, one of U and V in turn
-    Nv12,
-    /// 4:2:0, planes of Y, U and V
-    I420,
-    /// 2 bytes a pixel, little endian, red in the top five bits
-    Rgb565,
-}
+/// A format that the detector takes, as the command line names it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SensorFormat(pub PixelFormat);
 
-impl From<SensorFormat> for PixelFormat {
-    fn from(f: SensorFormat) -> Self {
-        match f {
-            SensorFormat::Rgb8 => Self::Rgb8,
-            SensorFormat::Gray8 => Self::Gray8,
-            SensorFormat::Yuyv => Self::Yuyv,
-            SensorFormat::Nv12 => Self::Nv12,
-            SensorFormat::I420 => Self::I420,
-            SensorFormat::Rgb565 => Self::Rgb565,
-        }
+const ALL: [SensorFormat; PixelFormat::ALL.len()] = {
+    let mut all = [SensorFormat(PixelFormat::Rgb8); PixelFormat::ALL.len()];
+    let mut i = 0;
+    while i < all.len() {
+        all[i] = SensorFormat(PixelFormat::ALL[i]);
+        i += 1;
+    }
+    all
+};
+
+impl ValueEnum for SensorFormat {
+    fn value_variants<'a>() -> &'a [Self] {
+        &ALL
+    }
+
+    fn to_possible_value(&self) -> Option<PossibleValue> {
+        let (name, help) = match self.0 {
+            PixelFormat::Rgb8 => ("rgb8", "3 bytes a pixel: red, green, blue"),
+            PixelFormat::Gray8 => ("gray8", "1 byte a pixel: no colour"),
+            PixelFormat::Yuyv => ("yuyv", "4:2:2 packed, Y U Y V"),
+            PixelFormat::Nv12 => ("nv12", "4:2:0, a plane of Y, one of U and V in turn"),
+            PixelFormat::I420 => ("i420", "4:2:0, planes of Y, U and V"),
+            PixelFormat::Rgb565 => ("rgb565", "2 bytes a pixel, little endian, red in the top five bits"),
+        };
+        Some(PossibleValue::new(name).help(help))
     }
 }
 
@@ -49,9 +53,9 @@ pub fn sense(
     from: PixelFormat,
     (width, height): (usize, usize),
     data: &[u8],
-    to: SensorFormat,
+    to: PixelFormat,
 ) -> (usize, usize, Vec<u8>) {
-    if from == PixelFormat::from(to) {
+    if from == to {
         return (width, height, data.to_vec());
     }
     let rgb = match from {
@@ -64,8 +68,8 @@ pub fn sense(
         [rgb[i], rgb[i + 1], rgb[i + 2]].map(i32::from)
     };
     let (w, h) = match to {
-        SensorFormat::Yuyv => (width & !1, height),
-        SensorFormat::Nv12 | SensorFormat::I420 => (width & !1, height & !1),
+        PixelFormat::Yuyv => (width & !1, height),
+        PixelFormat::Nv12 | PixelFormat::I420 => (width & !1, height & !1),
         _ => (width, height),
     };
     let pixels = || (0..h).flat_map(|y| (0..w).map(move |x| (x, y)));
@@ -73,22 +77,22 @@ pub fn sense(
     let blocks = || (0..h / 2).flat_map(|y| (0..w / 2).map(move |x| (2 * x, 2 * y)));
     let block = |(x, y): (usize, usize)| chroma(&[at(x, y), at(x + 1, y), at(x, y + 1), at(x + 1, y + 1)]);
     let bytes = match to {
-        SensorFormat::Rgb8 => rgb,
-        SensorFormat::Gray8 => pixels()
+        PixelFormat::Rgb8 => rgb,
+        PixelFormat::Gray8 => pixels()
             .map(|(x, y)| at(x, y))
             .map(|[r, g, b]| byte((4899 * r + 9617 * g + 1868 * b + 8192) >> 14))
             .collect(),
-        SensorFormat::Yuyv => pixels()
+        PixelFormat::Yuyv => pixels()
             .flat_map(|(x, y)| {
                 let pair = chroma(&[at(x & !1, y), at(x | 1, y)]);
                 [luma(at(x, y)), pair[x & 1]]
             })
             .collect(),
-        SensorFormat::Nv12 => lumas().chain(blocks().flat_map(block)).collect(),
-        SensorFormat::I420 => {
+        PixelFormat::Nv12 => lumas().chain(blocks().flat_map(block)).collect(),
+        PixelFormat::I420 => {
             lumas().chain(blocks().map(|p| block(p)[0])).chain(blocks().map(|p| block(p)[1])).collect()
         }
-        SensorFormat::Rgb565 => pixels()
+        PixelFormat::Rgb565 => pixels()
             .map(|(x, y)| at(x, y))
             .flat_map(|[r, g, b]| {
                 let (high, low) = (r >> 3 << 3 | g >> 5, (g >> 2 & 7) << 5 | b >> 3);
@@ -119,15 +123,6 @@ mod tests {
     use super::*;
     use keygraph_core::frame::Frame;
 
-    const FORMATS: [SensorFormat; 6] = [
-        SensorFormat::Rgb8,
-        SensorFormat::Gray8,
-        SensorFormat::Yuyv,
-        SensorFormat::Nv12,
-        SensorFormat::I420,
-        SensorFormat::Rgb565,
-    ];
-
     /// Every format gives a frame that the core takes, of an odd picture too, and
     /// whose luma is that of the picture.
     #[test]
@@ -141,9 +136,9 @@ mod tests {
             luma
         };
         let whole = luma_of(PixelFormat::Rgb8, w, h, &rgb);
-        for format in FORMATS {
+        for format in PixelFormat::ALL {
             let (sw, sh, data) = sense(PixelFormat::Rgb8, (w, h), &rgb, format);
-            let luma = luma_of(format.into(), sw, sh, &data);
+            let luma = luma_of(format, sw, sh, &data);
             assert!(sw >= w - 1 && sh >= h - 1, "{format:?} crops to {sw}x{sh}");
             for (i, &l) in luma.iter().enumerate() {
                 let full = whole[i / sw * w + i % sw];
@@ -153,13 +148,23 @@ mod tests {
         }
     }
 
+    /// The words of the command line are those of the formats.
+    #[test]
+    fn every_format_has_its_name() {
+        for format in SensorFormat::value_variants() {
+            let name = format.to_possible_value().map(|v| v.get_name().to_string()).unwrap_or_default();
+            assert_eq!(name, format!("{:?}", format.0).to_lowercase());
+            assert_eq!(SensorFormat::from_str(&name, false), Ok(*format));
+        }
+    }
+
     #[test]
     fn a_red_pixel_by_hand() {
         let red: Vec<u8> = [255, 0, 0].repeat(16 * 16);
         let start = |format| sense(PixelFormat::Rgb8, (16, 16), &red, format).2[..4].to_vec();
-        assert_eq!(start(SensorFormat::Yuyv), [82, 90, 82, 240]);
-        assert_eq!(start(SensorFormat::Rgb565), [0x00, 0xf8, 0x00, 0xf8]);
-        assert_eq!(start(SensorFormat::Gray8), [76, 76, 76, 76]);
-        assert_eq!(start(SensorFormat::I420), [82, 82, 82, 82]);
+        assert_eq!(start(PixelFormat::Yuyv), [82, 90, 82, 240]);
+        assert_eq!(start(PixelFormat::Rgb565), [0x00, 0xf8, 0x00, 0xf8]);
+        assert_eq!(start(PixelFormat::Gray8), [76, 76, 76, 76]);
+        assert_eq!(start(PixelFormat::I420), [82, 82, 82, 82]);
     }
 }

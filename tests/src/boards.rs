@@ -6,29 +6,41 @@
 
 use std::fmt::Write;
 use std::mem::size_of;
+use std::sync::LazyLock;
 
 use keygraph::learn::Preset;
 use keygraph_core::detect::{HdDetector, QqvgaDetector, QvgaDetector, VgaDetector};
+use serde_json::Value;
 
-/// What `scripts/board --tables` has measured on the emulated boards (qqvga on the
-/// Cortex-M4, all else on the M7), built for size; budgets stand in where it has not.
+/// What `scripts/board --renew` has measured on the emulated boards (qqvga on the
+/// Cortex-M4, qvga on the M7), built for size.
 #[derive(Clone, Copy, Debug)]
 pub struct Measured {
     /// Most of the stack that was ever used, bytes.
-    pub stack: Option<usize>,
+    pub stack: usize,
     /// Code and constants without the model, bytes.
-    pub code: Option<usize>,
+    pub code: usize,
     /// Millions of instructions that a searched frame takes (median), by profile:
     /// qqvga, qvga, vga, hd.
     pub instructions: [Option<f64>; 4],
 }
 
-/// The figures of this version: those of `firmware-sim/README.md`.
-pub const MEASURED: Measured =
-    Measured { stack: Some(7_008), code: Some(93_384), instructions: [Some(71.3), Some(161.2), None, None] };
+/// The figures of this version: those of `firmware-sim/baseline.json`.
+pub static MEASURED: LazyLock<Measured> = LazyLock::new(|| {
+    let baseline: Value = serde_json::from_str(include_str!("../../firmware-sim/baseline.json")).unwrap_or_default();
+    let boards = ["m4, qqvga", "m7, qvga"].map(|name| &baseline["boards"][name]);
+    let most = |key: &str| boards.iter().filter_map(|b| b[key].as_u64()).max().and_then(|n| usize::try_from(n).ok());
+    let total = |board: &Value| {
+        let row = board["instructions"].as_array()?.iter().find(|row| row[0] == "total")?;
+        Some(row[1].as_f64()? / 1e6)
+    };
+    Measured {
+        stack: most("stack").unwrap_or(0),
+        code: most("code").unwrap_or(0),
+        instructions: [total(boards[0]), total(boards[1]), None, None],
+    }
+});
 
-const STACK_BUDGET: usize = 8 << 10;
-const CODE_BUDGET: usize = 96 << 10;
 /// Flash that the firmware sets aside for itself, bytes.
 const CODE_REGION: usize = 128 << 10;
 
@@ -47,7 +59,7 @@ impl Profile {
     /// Bytes of RAM: the detector, one raw frame of two bytes a pixel, the stack.
     #[must_use]
     pub fn ram(&self) -> usize {
-        self.detector + 2 * self.frame.0 * self.frame.1 + MEASURED.stack.unwrap_or(STACK_BUDGET)
+        self.detector + 2 * self.frame.0 * self.frame.1 + MEASURED.stack
     }
 }
 
@@ -65,86 +77,98 @@ struct Board {
     name: &'static str,
     core: &'static str,
     mhz: usize,
-    /// The largest piece of RAM on the chip, and RAM beside it, KB.
-    ram_kb: (usize, usize),
-    /// Flash that models can be read from in place, KB: on the chip or beside it, the
-    /// larger.
-    flash_kb: usize,
+    /// RAM on the chip that a detector can lie in: the largest piece of it, KB.
+    piece_kb: usize,
+    /// All RAM on the chip, and RAM beside it, KB.
+    ram_kb: [usize; 2],
+    /// Flash on the chip and beside it, KB: models are read from either in place.
+    flash_kb: [usize; 2],
     /// The maker's pages.
     source: &'static str,
 }
 
 const OPENMV: &str = "https://docs.openmv.io/openmvcam/quickref";
-const STM32H743: &str = "https://www.st.com/resource/en/datasheet/stm32h743bi.pdf";
+const NICLA: &str = "https://docs.arduino.cc/resources/datasheets/ABX00051-datasheet.pdf";
+const PORTENTA: &str = "https://docs.arduino.cc/resources/datasheets/ABX00042-ABX00045-ABX00046-datasheet.pdf";
+const STM32H7: &str = "https://www.st.com/resource/en/datasheet/stm32h743bi.pdf";
 const STM32F405: &str = "https://www.st.com/resource/en/datasheet/stm32f405rg.pdf";
 const RT1060: &str = "https://www.nxp.com/docs/en/data-sheet/IMXRT1060CEC.pdf";
+const RP2350: &str = "https://datasheets.raspberrypi.com/rp2350/rp2350-datasheet.pdf";
 const PICO: &str = "https://www.raspberrypi.com/documentation/microcontrollers/pico-series.html";
 const RASPBERRY: &str = "https://www.raspberrypi.com/documentation/computers/processors.html";
 
-/// Microcontrollers. Where RAM on the chip comes in pieces, the largest counts.
+/// Microcontrollers.
 const BOARDS: [Board; 8] = [
     Board {
         name: "STM32F405",
         core: "Cortex-M4",
         mhz: 168,
-        ram_kb: (128 + 64, 0),
-        flash_kb: 1024,
+        piece_kb: 192,
+        ram_kb: [192, 0],
+        flash_kb: [1 << 10, 0],
         source: "[chip](STM32F405)",
     },
     Board {
         name: "Raspberry Pi Pico 2 (RP2350)",
         core: "Cortex-M33",
         mhz: 150,
-        ram_kb: (520, 0),
-        flash_kb: 4 << 10,
-        source: "[board](PICO)",
+        piece_kb: 520,
+        ram_kb: [520, 0],
+        flash_kb: [0, 4 << 10],
+        source: "[board](PICO), [chip](RP2350)",
     },
     Board {
-        name: "OpenMV Cam H7",
+        name: "OpenMV Cam H7 (STM32H743)",
         core: "Cortex-M7",
         mhz: 480,
-        ram_kb: (512, 0),
-        flash_kb: 2 << 10,
-        source: "[board](OPENMV/openmv-cam-h7.html), [chip](STM32H743)",
+        piece_kb: 512,
+        ram_kb: [1 << 10, 0],
+        flash_kb: [2 << 10, 0],
+        source: "[board](OPENMV/openmv-cam-h7.html), [pieces](STM32H7)",
     },
     Board {
-        name: "Arduino Nicla Vision",
-        core: "Cortex-M7",
-        mhz: 400,
-        ram_kb: (512, 0),
-        flash_kb: 16 << 10,
-        source: "[board](OPENMV/arduino-nicla-vision.html), [chip](STM32H743)",
-    },
-    Board {
-        name: "Arduino Portenta H7, Vision Shield",
-        core: "Cortex-M7",
-        mhz: 400,
-        ram_kb: (512, 8 << 10),
-        flash_kb: 16 << 10,
-        source: "[board](OPENMV/arduino-portenta-h7.html), [chip](STM32H743)",
-    },
-    Board {
-        name: "OpenMV Cam H7 Plus",
+        name: "Arduino Nicla Vision (STM32H747)",
         core: "Cortex-M7",
         mhz: 480,
-        ram_kb: (512, 32 << 10),
-        flash_kb: 32 << 10,
-        source: "[board](OPENMV/openmv-cam-h7-plus.html), [chip](STM32H743)",
+        piece_kb: 512,
+        ram_kb: [1 << 10, 0],
+        flash_kb: [2 << 10, 16 << 10],
+        source: "[board](NICLA), [pieces](STM32H7)",
+    },
+    Board {
+        name: "Arduino Portenta H7 (STM32H747), Vision Shield",
+        core: "Cortex-M7",
+        mhz: 480,
+        piece_kb: 512,
+        ram_kb: [1 << 10, 8 << 10],
+        flash_kb: [2 << 10, 16 << 10],
+        source: "[board](PORTENTA), [pieces](STM32H7)",
+    },
+    Board {
+        name: "OpenMV Cam H7 Plus (STM32H743)",
+        core: "Cortex-M7",
+        mhz: 480,
+        piece_kb: 512,
+        ram_kb: [1 << 10, 32 << 10],
+        flash_kb: [2 << 10, 32 << 10],
+        source: "[board](OPENMV/openmv-cam-h7-plus.html), [pieces](STM32H7)",
     },
     Board {
         name: "OpenMV Cam RT1062",
         core: "Cortex-M7",
         mhz: 600,
-        ram_kb: (512, 32 << 10),
-        flash_kb: 16 << 10,
-        source: "[board](OPENMV/openmv-rt1062.html), [chip](RT1060)",
+        piece_kb: 512,
+        ram_kb: [1 << 10, 32 << 10],
+        flash_kb: [0, 16 << 10],
+        source: "[board](OPENMV/openmv-rt1062.html), [pieces](RT1060)",
     },
     Board {
         name: "OpenMV N6 (STM32N657)",
         core: "Cortex-M55",
         mhz: 800,
-        ram_kb: (4200, 64 << 10),
-        flash_kb: 32 << 10,
+        piece_kb: 4200,
+        ram_kb: [4200, 64 << 10],
+        flash_kb: [0, 32 << 10],
         source: "[board](OPENMV/openmv-n6.html)",
     },
 ];
@@ -155,16 +179,18 @@ const LINUX: [Board; 2] = [
         name: "Raspberry Pi Zero 2 W",
         core: "Cortex-A53",
         mhz: 1000,
-        ram_kb: (0, 512 << 10),
-        flash_kb: 0,
+        piece_kb: 0,
+        ram_kb: [0, 512 << 10],
+        flash_kb: [0, 0],
         source: "[chip](RASPBERRY)",
     },
     Board {
         name: "Raspberry Pi 4",
         core: "Cortex-A72",
         mhz: 1500,
-        ram_kb: (0, 1 << 20),
-        flash_kb: 0,
+        piece_kb: 0,
+        ram_kb: [0, 1 << 20],
+        flash_kb: [0, 0],
         source: "[chip](RASPBERRY)",
     },
 ];
@@ -174,23 +200,29 @@ fn largest(kb: usize) -> Option<usize> {
     PROFILES.iter().rposition(|p| p.ram() <= kb << 10)
 }
 
-/// The largest preset that `kb` KB of flash hold beside the code.
-fn preset(kb: usize) -> &'static str {
+/// The largest preset that flash of so many KB holds: beside the code on the chip, or
+/// beside the chip, with the code where the chip has none.
+fn preset([inside, beside]: [usize; 2]) -> &'static str {
     let presets = [(Preset::Large, "large"), (Preset::Standard, "standard"), (Preset::Compact, "compact")];
-    presets.iter().find(|(p, _)| p.bytes() + CODE_REGION <= kb << 10).map_or("`train --bytes`", |(_, name)| name)
+    let room = (inside << 10).saturating_sub(CODE_REGION);
+    let beside = (beside << 10).saturating_sub(if inside == 0 { CODE_REGION } else { 0 });
+    presets.iter().find(|(p, _)| p.bytes() <= room.max(beside)).map_or("`train --bytes`", |(_, name)| name)
 }
 
 /// Names of pages to their addresses.
 fn linked(source: &str) -> String {
     let pages = [
         ("OPENMV", OPENMV),
-        ("STM32H743", STM32H743),
+        ("STM32H7", STM32H7),
+        ("NICLA", NICLA),
+        ("PORTENTA", PORTENTA),
+        ("RP2350", RP2350),
         ("STM32F405", STM32F405),
         ("RT1060", RT1060),
         ("PICO", PICO),
         ("RASPBERRY", RASPBERRY),
     ];
-    pages.iter().fold(source.into(), |s: String, (name, url)| s.replace(&format!("({name}"), &format!("({url}")))
+    pages.iter().fold(source.into(), |s: String, (name, url)| s.replace(&format!("]({name}"), &format!("]({url}")))
 }
 
 fn kb(bytes: usize) -> String {
@@ -217,40 +249,37 @@ fn rate(profile: usize, mhz: usize) -> String {
 /// The whole of `docs/fits-on.md`.
 #[must_use]
 pub fn page() -> String {
-    let told = |value: Option<usize>, budget: usize| match value {
-        Some(v) => format!("{} (measured)", kb(v)),
-        None => format!("{} (budget)", kb(budget)),
-    };
     let mut page = String::from(HEAD);
     let _ = writeln!(page, "| profile | frame | detector | raw frame | stack | RAM in all | instructions a frame |");
     let _ = writeln!(page, "| --- | --- | --- | --- | --- | --- | --- |");
     for (i, p) in PROFILES.iter().enumerate() {
         let (w, h) = p.frame;
         let count = MEASURED.instructions[i].map_or("not measured yet".into(), |m| format!("{m:.1} M (measured)"));
-        let stack = told(MEASURED.stack, STACK_BUDGET);
-        let (detector, frame, ram) = (kb(p.detector), kb(2 * w * h), kb(p.ram()));
+        let (detector, frame, stack, ram) = (kb(p.detector), kb(2 * w * h), kb(MEASURED.stack), kb(p.ram()));
         let _ = writeln!(
             page,
-            "| {} | {w}x{h} | {detector} (measured) | {frame} (computed) | {stack} | {ram} (computed) | {count} |",
+            "| {} | {w}x{h} | {detector} (measured) | {frame} (computed) | {stack} (measured) | {ram} (computed) | {count} |",
             p.name
         );
     }
-    let _ = writeln!(page, "\nCode and constants without the model: {}.", told(MEASURED.code, CODE_BUDGET));
+    let _ = writeln!(page, "\nCode and constants without the model: {} (measured).", kb(MEASURED.code));
     page.push_str(BOARDS_HEAD);
     for b in &BOARDS {
-        let inside = largest(b.ram_kb.0);
-        let beside = largest(b.ram_kb.1).filter(|&p| inside.is_none_or(|i| p > i));
+        let inside = largest(b.piece_kb);
+        let beside = largest(b.ram_kb[1]).filter(|&p| inside.is_none_or(|i| p > i));
         let name = |p: Option<usize>| p.map_or("—".into(), |p| format!("{} (computed)", PROFILES[p].name));
         let speed = inside.map_or("—".into(), |p| rate(p, b.mhz));
         let _ = writeln!(
             page,
-            "| {} | {} {} MHz | {} | {} | {} | {} | {} | {} | {speed} | {} |",
+            "| {} | {} {} MHz | {} of {} | {} | {} | {} | {} | {} | {} (computed) | {speed} | {} |",
             b.name,
             b.core,
             b.mhz,
-            size(b.ram_kb.0),
-            size(b.ram_kb.1),
-            size(b.flash_kb),
+            size(b.piece_kb),
+            size(b.ram_kb[0]),
+            size(b.ram_kb[1]),
+            size(b.flash_kb[0]),
+            size(b.flash_kb[1]),
             name(inside),
             name(beside),
             preset(b.flash_kb),
@@ -265,7 +294,7 @@ pub fn page() -> String {
             b.name,
             b.core,
             b.mhz,
-            size(b.ram_kb.1),
+            size(b.ram_kb[1]),
             rate(2, b.mhz),
             linked(b.source)
         );
@@ -277,11 +306,13 @@ const HEAD: &str = "\
 # Boards it fits on
 
 Nobody has run it on these boards yet. *Measured* is what the compiler or the emulated
-board counted, *computed* what follows from that, *budget* what a test holds it under;
-the boards' own figures are their makers', on the pages named in the last column.
+board counted, *computed* what follows from that; the boards' own figures (processor,
+RAM, flash) are their makers', on the pages named in the last column.
 
-This page is written by a test from the sizes of the types, so that it is true of this
-version: `KEYGRAPH_WRITE=1 cargo test -p keygraph-tests --test fits_on`.
+This page is written by a test from the sizes of the types and from
+`firmware-sim/baseline.json`, so that it is true of this version:
+`KEYGRAPH_WRITE=1 cargo test -p keygraph-tests --test fits_on`, or `scripts/board --renew`,
+which measures anew before.
 
 ## What it takes
 
@@ -291,19 +322,21 @@ const BOARDS_HEAD: &str = "
 ## Microcontrollers
 
 A profile fits where detector, one raw frame and the stack lie in the RAM on the chip:
-the largest piece of it, where it comes in pieces (on the STM32F405 in two: the detector
-in the one, frame and stack in the other). RAM beside the chip holds larger
-profiles, several times slower. A second frame buffer, and the application, must go
-into what is left. The preset is the largest that the flash holds beside the code (of
-flash on and beside the chip the larger, read in place); one model may hold many objects.
+the largest piece of it, where it comes in pieces (512 KB of AXI SRAM on the STM32H743 and
+H747, of OCRAM on the RT1062, the other half being five pieces there and tightly coupled
+memory here; on the STM32F405 128 and 64 KB, the detector in the one, frame and stack in
+the other). RAM beside the chip holds larger profiles, several times slower. A second
+frame buffer, and the application, must go into what is left. The preset is the largest
+that the flash holds beside the code (of flash on and beside the chip the larger, read in
+place); one model may hold many objects.
 
 Frames a second are those of searching with the largest profile that the chip's own RAM
 holds, at one instruction a cycle: the true ratio depends on the processor, on the
 compiler and on how fast the flash is read. The Vision Shield's cameras see no colour:
 train with `--luma` for them.
 
-| board | processor | RAM on the chip | beside it | flash | profile | with the RAM beside | preset | frames a second | source |
-| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |
+| board | processor | RAM on the chip, largest piece | RAM beside it | flash on the chip | flash beside it | profile | with the RAM beside | preset | frames a second | source |
+| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |
 ";
 
 const LINUX_HEAD: &str = "

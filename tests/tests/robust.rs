@@ -23,15 +23,6 @@ static VGA: Mutex<VgaDetector> = Mutex::new(VgaDetector::new());
 static KEYGRAPH: LazyLock<Vec<u8>> = LazyLock::new(|| small_model(Method::Keygraph, FeatureKind::Both, 40));
 static PAPER: LazyLock<Vec<u8>> = LazyLock::new(|| small_model(Method::Paper, FeatureKind::Chroma, 40));
 
-const FORMATS: [PixelFormat; 6] = [
-    PixelFormat::Rgb8,
-    PixelFormat::Gray8,
-    PixelFormat::Yuyv,
-    PixelFormat::Nv12,
-    PixelFormat::I420,
-    PixelFormat::Rgb565,
-];
-
 /// The detectors, whatever their sizes.
 trait Profile: Send {
     fn run(&mut self, frame: &Frame<'_>, model: &Model<'_>) -> Result<(Vec<Detection>, Stats), FrameError>;
@@ -136,8 +127,8 @@ fn sweep(detector: &mut dyn Profile, sizes: &[(usize, usize)], all: bool) {
     let mut frames = 0;
     for (s, &(w, h)) in sizes.iter().enumerate() {
         for (p, (name, pattern)) in PATTERNS.into_iter().enumerate() {
-            for (f, format) in FORMATS.into_iter().enumerate() {
-                if !all && (s + p) % FORMATS.len() != f {
+            for (f, format) in PixelFormat::ALL.into_iter().enumerate() {
+                if !all && (s + p) % PixelFormat::ALL.len() != f {
                     continue;
                 }
                 let Some(data) = draw(format, w, h, pattern) else { continue };

@@ -1,6 +1,6 @@
 //! The boards that are modelled, and the firmware for them.
 //!
-//! In: board, profile, which firmware. Out: its ELF file, built, and what is in it: the
+//! In: board, profile, which firmware, the model to link in. Out: its ELF file, built, and what is in it: the
 //! sizes of its sections and where models lie. Cost: a build, if anything has changed.
 
 use std::env;
@@ -75,6 +75,10 @@ pub enum Program {
     Learn,
     /// The main loop to copy.
     Camera,
+    /// Panics, for the tests.
+    Panic,
+    /// Faults, for the tests.
+    Fault,
 }
 
 impl Program {
@@ -82,9 +86,9 @@ impl Program {
     #[must_use]
     pub const fn code_limit(self) -> u64 {
         match self {
-            Self::Detect | Self::Camera => 96 << 10,
             // The trainer too.
             Self::Learn => 112 << 10,
+            _ => 96 << 10,
         }
     }
 
@@ -94,31 +98,51 @@ impl Program {
             Self::Detect => ("--bin", "detect", "detect"),
             Self::Learn => ("--bin", "learn", "learn"),
             Self::Camera => ("--example", "camera", "examples/camera"),
+            Self::Panic => ("--bin", "panic", "panic"),
+            Self::Fault => ("--bin", "fault", "fault"),
         }
     }
 }
 
-/// Builds a firmware that logs from level `log` on; its ELF file.
+/// The repository.
+///
+/// # Errors
+/// When the runner does not lie in it.
+pub fn root() -> Result<&'static Path> {
+    Path::new(env!("CARGO_MANIFEST_DIR")).ancestors().nth(2).context("the runner lies in firmware-sim")
+}
+
+/// The folder of what is built.
+///
+/// # Errors
+/// Those of [`root`].
+pub fn targets() -> Result<PathBuf> {
+    Ok(env::var_os("CARGO_TARGET_DIR").map_or(root()?.join("target"), PathBuf::from))
+}
+
+/// Builds a firmware that logs from level `log` on, with `model` linked in if there is
+/// one; its ELF file.
 ///
 /// # Errors
 /// When cargo fails: what does not fit the board does not link.
-pub fn build(program: Program, machine: Machine, frames: Frames, log: &str) -> Result<PathBuf> {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().context("the runner lies in firmware-sim")?;
-    let targets = env::var_os("CARGO_TARGET_DIR").map_or_else(|| root.join("target"), PathBuf::from);
+pub fn build(program: Program, machine: Machine, frames: Frames, log: &str, model: Option<&Path>) -> Result<PathBuf> {
     // A folder for each level: another level is another build of everything.
-    let target = targets.join(format!("board-{log}"));
+    let target = targets()?.join(format!("board-{log}"));
     let (kind, name, place) = program.selection();
-    let status = Command::new(env::var_os("CARGO").unwrap_or_else(|| "cargo".into()))
+    let mut cargo = Command::new(env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
+    cargo
         .args(["build", "--quiet", "--release", "--locked", "--target", TARGET, kind, name, "--manifest-path"])
-        .arg(root.join("Cargo.toml"))
+        .arg(root()?.join("firmware-sim/Cargo.toml"))
         .args(["-p", "keygraph-firmware-sim", "--features"])
-        .arg(format!("{},{}", machine.modelled(), frames.name()))
+        .arg(format!("{},{}{}", machine.modelled(), frames.name(), if model.is_some() { ",sample" } else { "" }))
         .arg("--target-dir")
         .arg(&target)
         .env("DEFMT_LOG", log)
-        .stdout(Stdio::null())
-        .status()
-        .context("cannot run cargo")?;
+        .stdout(Stdio::null());
+    if let Some(model) = model {
+        cargo.env("KEYGRAPH_MODEL", model);
+    }
+    let status = cargo.status().context("cannot run cargo")?;
     ensure!(
         status.success(),
         "the firmware for {} with {} frames cannot be built; if the linker says that a region overflowed, it does not fit that board: use --profile qqvga or --machine m7",
@@ -176,4 +200,4 @@ impl Contents {
 }
 
 const IN_FLASH: [&str; 4] = [".vector_table", ".text", ".rodata", ".data"];
-const HELD: [&str; 7] = [".vector_table", ".text", ".rodata", ".data", ".bss", ".uninit", ".frame"];
+const HELD: [&str; 8] = [".vector_table", ".text", ".rodata", ".model", ".data", ".bss", ".uninit", ".frame"];

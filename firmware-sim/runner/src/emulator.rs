@@ -1,15 +1,17 @@
 //! The emulator: a firmware, a model and frames in, results and logs out.
 //!
 //! In: an ELF file, the bytes of a model for the region of flash that is kept for it,
-//! and what [`wire`] defines. Out: the words that the board wrote, and what it sent over
-//! the serial port. Its log is decoded on the spot. Cost: a frame takes a second or so.
+//! and what `wire` defines. Out: the words that the board wrote, and what it sent over
+//! the serial port. Its log is decoded on the spot, line by line; where it tells of a
+//! fault, a line each follows with the places in the source. Cost: a frame takes a second or so.
 
 use std::fs::{self, File};
 use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-use anyhow::{Context, Result, bail, ensure};
+use addr2line::Loader;
+use anyhow::{Context, Result, anyhow, bail, ensure};
 use defmt_decoder::{DecodeError, Table};
 use keygraph_firmware_sim::wire::{FRAMES, ICOUNT, RESULTS};
 
@@ -45,12 +47,20 @@ impl Drop for Folder {
     }
 }
 
-/// Runs `elf` to its end. `frames` is what it reads; `model` goes to flash before.
+/// Runs `elf` to its end. `frames` is what it reads; `model` goes to flash before; `log`
+/// takes its log, line by line.
 ///
 /// # Errors
 /// When the emulator is missing, and when the firmware panics or faults: its log says
 /// where.
-pub fn run(elf: &Path, contents: &Contents, machine: Machine, model: Option<&[u8]>, frames: &[u8]) -> Result<Output> {
+pub fn run(
+    elf: &Path,
+    contents: &Contents,
+    machine: Machine,
+    model: Option<&[u8]>,
+    frames: &[u8],
+    log: &mut dyn FnMut(&str),
+) -> Result<Output> {
     let folder = Folder::new()?;
     let at = |name: &str| folder.0.join(name);
     fs::write(at(FRAMES.to_str()?), frames).context("cannot write the frames for the board")?;
@@ -77,8 +87,8 @@ pub fn run(elf: &Path, contents: &Contents, machine: Machine, model: Option<&[u8
         }
         Err(e) => return Err(e).context("cannot run qemu-system-arm"),
     };
-    let log = child.stdout.take().context("the emulator has an output")?;
-    show_log(elf, log)?;
+    let output = child.stdout.take().context("the emulator has an output")?;
+    decode_log(elf, output, log)?;
     let status = child.wait()?;
     ensure!(status.success(), "the board stopped with {status}: its log above says where");
     let mut bytes = Vec::new();
@@ -89,15 +99,15 @@ pub fn run(elf: &Path, contents: &Contents, machine: Machine, model: Option<&[u8
     Ok(Output { words, serial: fs::read_to_string(at(SERIAL)).unwrap_or_default() })
 }
 
-/// Decodes the log as it comes, a line each on standard error.
-fn show_log(elf: &Path, mut log: impl Read) -> Result<()> {
-    let elf = fs::read(elf)?;
-    let table = Table::parse(&elf)?.context("the firmware has no log table")?;
-    let places = table.get_locations(&elf)?;
+/// Decodes the log as it comes.
+fn decode_log(elf: &Path, mut output: impl Read, log: &mut dyn FnMut(&str)) -> Result<()> {
+    let bytes = fs::read(elf)?;
+    let table = Table::parse(&bytes)?.context("the firmware has no log table")?;
+    let places = table.get_locations(&bytes)?;
     let mut decoder = table.new_stream_decoder();
     let mut buffer = [0; 4096];
     loop {
-        let n = log.read(&mut buffer)?;
+        let n = output.read(&mut buffer)?;
         if n == 0 {
             return Ok(());
         }
@@ -110,11 +120,42 @@ fn show_log(elf: &Path, mut log: impl Read) -> Result<()> {
                         let file = p.file.file_name().unwrap_or_default().to_string_lossy().into_owned();
                         format!(" ({file}:{})", p.line)
                     });
-                    eprintln!("board: {level}: {}{place}", frame.display_message());
+                    let message = frame.display_message().to_string();
+                    log(&format!("{level}: {message}{place}"));
+                    if level == "error" {
+                        explain(elf, &message)?.iter().for_each(|line| log(line));
+                    }
                 }
                 Err(DecodeError::UnexpectedEof) => break,
-                Err(DecodeError::Malformed) => eprintln!("board: a line of the log was lost"),
+                Err(DecodeError::Malformed) => log("a line of the log was lost"),
             }
         }
     }
+}
+
+/// A line for each address of code in `message`: the function it is in with file and
+/// line, and, where that is inlined, those around it.
+fn explain(elf: &Path, message: &str) -> Result<Vec<String>> {
+    let number = |(at, _)| u64::from_str_radix(message.get(at + 2..at + 10)?, 16).ok();
+    let addresses: Vec<u64> = message.match_indices("0x").filter_map(number).collect();
+    if addresses.is_empty() {
+        return Ok(Vec::new());
+    }
+    let source = Loader::new(elf).map_err(|e| anyhow!("{}: {e}", elf.display()))?;
+    let explained = addresses.iter().enumerate().filter_map(|(i, address)| {
+        // Bit 0 says Thumb; the second address, to return to, lies behind the call.
+        let code = (address & !1).saturating_sub(2 * i as u64);
+        let mut frames = source.find_frames(code).ok()?;
+        let mut places = Vec::new();
+        while let Ok(Some(frame)) = frames.next() {
+            let name = frame.function.as_ref().and_then(|f| Some(f.demangle().ok()?.into_owned()));
+            let place = frame.location.and_then(|l| {
+                let file = Path::new(l.file?).file_name()?.to_string_lossy().into_owned();
+                Some(format!(" ({file}:{})", l.line?))
+            });
+            places.push(name? + &place.unwrap_or_default());
+        }
+        (!places.is_empty()).then(|| format!("{address:#010x} is in {}", places.join(", within ")))
+    });
+    Ok(explained.collect())
 }

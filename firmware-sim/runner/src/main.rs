@@ -1,10 +1,12 @@
 //! `scripts/board`: the emulated board on a model and frames.
 //!
-//! In: a model and pictures, folders or videos. Out: the lines of `keygraph detect
-//! --json`, with `instructions` in place of `time_ms`; or tables of memory and cost.
+//! In: a model and pictures, folders or videos; without a model, the sample is linked in.
+//! Out: the lines of `keygraph detect --json`, with `instructions` in place of `time_ms`;
+//! or tables of memory and cost.
 //! Exit status 0 when all went well, 1 when not, 2 for a wrong command line.
 
-use std::fs;
+use std::fs::{self, File};
+use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -16,12 +18,13 @@ use keygraph::search::{Found, Profile, Request, prepare, search_for};
 use keygraph::sensor::SensorFormat;
 use keygraph_board::board::{Contents, Frames, Machine, Program, STACK_LIMIT, build};
 use keygraph_board::emulator::run;
-use keygraph_board::tables;
+use keygraph_board::tables::Run;
+use keygraph_board::{baseline, sample};
 use keygraph_core::capacity::Stage;
 use keygraph_core::detect::{DEFAULT_THRESHOLD, Stats};
 use keygraph_core::digest::Digests;
 use keygraph_core::frame::Frame;
-use keygraph_core::model::Model;
+use keygraph_core::model::{MAGIC, Model};
 use keygraph_firmware_sim::learn::largest;
 use keygraph_firmware_sim::wire::{BUFFERS, FrameHeader, Job, Report, instructions};
 use serde_json::{Value, json};
@@ -56,19 +59,39 @@ struct Cli {
     /// port
     #[arg(long, conflicts_with_all = ["learn", "check", "digests", "tables"])]
     camera: bool,
+    /// Fail if the sample costs more instructions than firmware-sim/baseline.json says:
+    /// its frames are searched, and no arguments needed
+    #[arg(long, conflicts_with_all = ["learn", "camera", "inputs", "format"])]
+    baseline: bool,
+    /// Measure the sample on both boards, and write firmware-sim/baseline.json and the
+    /// tables of firmware-sim/README.md anew
+    #[arg(long, exclusive = true)]
+    renew: bool,
+    /// Run a firmware that ends badly, for the tests
+    #[arg(long, hide = true)]
+    ends: Option<Ends>,
     /// Print tables of memory and of instructions (median over the frames) instead
     #[arg(long)]
     tables: bool,
     /// Show the board's log on standard error; twice: in detail
     #[arg(short, long, action = clap::ArgAction::Count)]
     verbose: u8,
-    /// The model, then frames: pictures, folders, videos
-    #[arg(required = true, value_name = "MODEL FRAME")]
+    /// A model, then frames: pictures, folders, videos. Without a model, that of
+    /// assets/pictures/astronaut.jpg is linked in
+    #[arg(required_unless_present_any = ["baseline", "renew", "ends"], value_name = "[MODEL] FRAME")]
     inputs: Vec<PathBuf>,
 }
 
+/// How a firmware ends badly.
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+enum Ends {
+    Panic,
+    Fault,
+}
+
 fn main() -> ExitCode {
-    match board(&Cli::parse()) {
+    let cli = Cli::parse();
+    match if cli.renew { renew() } else { board(&cli).map(|(fine, _)| fine) } {
         Ok(true) => ExitCode::SUCCESS,
         Ok(false) => ExitCode::FAILURE,
         Err(e) => {
@@ -87,41 +110,81 @@ struct Shot {
     header: FrameHeader,
 }
 
-/// Whether every frame could be read, and every check held.
-fn board(cli: &Cli) -> Result<bool> {
+/// Measures both boards on the sample, and writes what they take.
+fn renew() -> Result<bool> {
+    let mut runs = Vec::new();
+    for profile in ["qvga", "qqvga"] {
+        let cli = Cli::parse_from(["scripts/board", "--baseline", "--tables", "--check", "--profile", profile]);
+        let (fine, run) = searched(&cli, &sample::frames()?)?;
+        ensure!(fine, "this machine and the board differ with {profile}: nothing was written");
+        runs.extend(run);
+    }
+    baseline::renew(&runs)?;
+    Ok(true)
+}
+
+/// Whether every frame could be read, and every check held; what the board took.
+fn board(cli: &Cli) -> Result<(bool, Option<Run>)> {
+    if !cli.baseline {
+        return searched(cli, &cli.inputs);
+    }
+    let (mut fine, run) = searched(cli, &sample::frames()?)?;
+    for line in run.iter().map(baseline::compare).collect::<Result<Vec<_>>>()?.iter().flatten() {
+        fine = false;
+        eprintln!("board: {line}");
+    }
+    let advice = if fine { "no more than the baseline" } else { "if that has to be, run scripts/board --renew" };
+    eprintln!("board: {advice}");
+    Ok((fine, run))
+}
+
+/// Searches frames, after a model if there is one among `inputs`.
+fn searched(cli: &Cli, inputs: &[PathBuf]) -> Result<(bool, Option<Run>)> {
     let machine = cli.machine.unwrap_or(match cli.profile {
         Frames::Qvga => Machine::M7,
         Frames::Qqvga => Machine::M4,
     });
-    let (model, inputs) = match &cli.inputs[..] {
-        frames if cli.learn => (None, frames),
-        [model, frames @ ..] => (Some(load(model)?), frames),
-        [] => (None, &[][..]),
+    let (model, inputs) = match inputs {
+        [model, frames @ ..] if is_model(model) => (Some(load(model)?), frames),
+        frames => (None, frames),
     };
-    ensure!(!inputs.is_empty(), "give frames too: pictures, folders or videos");
-    let program = match (cli.learn, cli.camera) {
-        (true, _) => Program::Learn,
-        (_, true) => Program::Camera,
+    ensure!(model.is_none() || !cli.learn, "--learn makes the model: give it frames alone");
+    ensure!(!inputs.is_empty() || cli.ends.is_some(), "give frames too: pictures, folders or videos");
+    let program = match (cli.learn, cli.camera, cli.ends) {
+        (_, _, Some(Ends::Panic)) => Program::Panic,
+        (_, _, Some(Ends::Fault)) => Program::Fault,
+        (true, ..) => Program::Learn,
+        (_, true, _) => Program::Camera,
         _ => Program::Detect,
     };
+    // Without a model, that of the sample is part of the firmware.
+    let linked = match program {
+        Program::Detect | Program::Camera if model.is_none() => Some(sample::model()?),
+        _ => None,
+    };
     let log = ["warn", "debug", "trace"][usize::from(cli.verbose.min(2))];
-    let elf = build(program, machine, cli.profile, log)?;
+    let elf = build(program, machine, cli.profile, log, linked.as_ref().map(|(path, _)| path.as_path()))?;
     let contents = Contents::read(&elf)?;
     if log == "warn" {
         contents.check_code(program)?;
     }
+    let mut show = |line: &str| eprintln!("board: {line}");
+    if cli.ends.is_some() {
+        run(&elf, &contents, machine, None, &[], &mut show)?;
+        return Ok((true, None));
+    }
 
     let (shots, stream, mut fine) = gather(cli, inputs)?;
-    let output = run(&elf, &contents, machine, model.as_deref(), &stream)?;
+    let output = run(&elf, &contents, machine, model.as_deref(), &stream, &mut show)?;
     if cli.camera {
         print!("{}", output.serial);
-        return Ok(fine);
+        return Ok((fine, None));
     }
 
     let mut words = output.words.iter().copied();
     let mut searched = &shots[..];
     let learnt;
-    let model = match &model {
+    let model = match model.as_ref().or(linked.as_ref().map(|(_, bytes)| bytes)) {
         Some(bytes) => Model::parse(bytes)?,
         None => {
             let (line, bytes) = read_learnt(&mut words, &shots[0]).context("the board's results end early")?;
@@ -134,8 +197,7 @@ fn board(cli: &Cli) -> Result<bool> {
         }
     };
     let mut sizes = || words.next().context("the board's results end early");
-    let detector = sizes()?;
-    let buffers = (0..BUFFERS).map(|_| sizes()).collect::<Result<Vec<_>>>()?;
+    let detector = (sizes()?, (0..BUFFERS).map(|_| sizes()).collect::<Result<Vec<_>>>()?);
     let mut reports = Vec::new();
     for shot in searched {
         let (report, detections) =
@@ -156,13 +218,21 @@ fn board(cli: &Cli) -> Result<bool> {
     if cli.check && fine {
         eprintln!("board: {} frames: every stage does the same here and there", reports.len());
     }
-    let stack = reports.iter().map(|r| r.stack_bytes).max().unwrap_or(0);
+    let run = Run { of: (program, machine, cli.profile), contents, detector, reports };
     if cli.tables {
-        println!("{}", tables::memory((program, machine, cli.profile), &contents, detector, &buffers, stack));
-        println!("{}", tables::cost(&reports));
+        println!("{}", run.memory_table());
+        println!("{}", run.cost_table());
     }
+    let stack = run.stack();
     ensure!(stack <= STACK_LIMIT, "the stack took {stack} bytes; at most {STACK_LIMIT} are allowed");
-    Ok(fine)
+    Ok((fine, Some(run)))
+}
+
+/// Whether a file is a model, whole or damaged, and not a frame.
+fn is_model(path: &Path) -> bool {
+    let mut magic = [0; MAGIC.len()];
+    let read = File::open(path).and_then(|mut f| f.read_exact(&mut magic));
+    path.extension().is_some_and(|e| e == "kgm") || (read.is_ok() && magic == MAGIC)
 }
 
 fn load(path: &Path) -> Result<Vec<u8>> {
@@ -184,7 +254,7 @@ fn gather(cli: &Cli, inputs: &[PathBuf]) -> Result<(Vec<Shot>, Vec<u8>, bool)> {
     for item in Source::open(inputs)? {
         let (source, frame) = (item.source, item.frame);
         let taken = item.picture.and_then(|picture| {
-            let scaled = prepare(&picture, host_profile(cli.profile), Some(cli.format));
+            let scaled = prepare(&picture, host_profile(cli.profile), Some(cli.format.0));
             Frame::new(scaled.format, scaled.width, scaled.height, &scaled.data).with_context(|| source.clone())?;
             let limit = 2 * cli.profile_pixels();
             ensure!(
@@ -249,7 +319,7 @@ fn agrees(cli: &Cli, model: &Model<'_>, shot: &Shot, board: &Digests) -> Result<
         profile: host_profile(cli.profile),
         threshold: cli.threshold,
         details: false,
-        format: Some(cli.format),
+        format: Some(cli.format.0),
         digests: true,
     };
     let host = search_for(&shot.picture, model, &request, 0)?.digests.context("digests were asked for")?;

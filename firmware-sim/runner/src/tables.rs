@@ -10,47 +10,81 @@ use keygraph_firmware_sim::wire::Report;
 
 use crate::board::{Contents, Frames, Machine, Program, STACK_LIMIT};
 
-/// Where the bytes are.
-#[must_use]
-pub fn memory(
-    (program, machine, frames): (Program, Machine, Frames),
-    contents: &Contents,
-    detector: u32,
-    buffers: &[u32],
-    stack: u32,
-) -> String {
-    let mut out = format!("| memory: {}, {} | bytes |\n| --- | --- |\n", machine.modelled(), frames.name());
-    let mut row = |name: &str, bytes: u64| {
-        // Writing to a string does not fail.
-        let _ = writeln!(out, "| {name} | {bytes} |");
-    };
-    for (name, bytes) in &contents.sections {
-        row(name, *bytes);
-    }
-    row(&format!("code and constants (limit {})", program.code_limit()), contents.code());
-    row(&format!("stack, most used (limit {STACK_LIMIT}, room {})", contents.stack_room), u64::from(stack));
-    row("detector, within .bss", u64::from(detector));
-    // The names are the same for every profile.
-    for ((name, _), bytes) in QvgaDetector::BUFFERS.iter().zip(buffers) {
-        row(&format!("— {name}"), u64::from(*bytes));
-    }
-    row("— all else", u64::from(detector - buffers.iter().sum::<u32>()));
-    out
+/// What a run took.
+#[derive(Clone, Debug)]
+pub struct Run {
+    /// Which firmware, board and frames.
+    pub of: (Program, Machine, Frames),
+    /// What the firmware's file holds.
+    pub contents: Contents,
+    /// Bytes of the detector, and of each of its buffers.
+    pub detector: (u32, Vec<u32>),
+    /// What the board told, by frame.
+    pub reports: Vec<Report>,
 }
 
-/// What the stages cost.
-#[must_use]
-pub fn cost(reports: &[Report]) -> String {
-    let mut out = format!("| stage, {} frames | instructions, median | most |\n| --- | --- | --- |\n", reports.len());
-    let mut row = |name: &str, mut counts: Vec<u64>| {
-        counts.sort_unstable();
-        let (median, most) = (counts.get(counts.len() / 2).copied(), counts.last().copied());
-        // Writing to a string does not fail.
-        let _ = writeln!(out, "| {name} | {} | {} |", median.unwrap_or(0), most.unwrap_or(0));
-    };
-    for (i, stage) in Stage::ALL.iter().enumerate() {
-        row(stage.name(), reports.iter().map(|r| r.instructions()[i]).collect());
+impl Run {
+    /// Most bytes of stack that were used.
+    #[must_use]
+    pub fn stack(&self) -> u32 {
+        self.reports.iter().map(|r| r.stack_bytes).max().unwrap_or(0)
     }
-    row("total", reports.iter().map(|r| r.instructions().iter().sum()).collect());
-    out
+
+    /// Name and bytes of the detector's buffers, the last of them all else in it.
+    #[must_use]
+    pub fn buffers(&self) -> Vec<(&'static str, u32)> {
+        let (whole, parts) = &self.detector;
+        // The names are the same for every profile.
+        let mut named: Vec<_> =
+            QvgaDetector::BUFFERS.iter().map(|(name, _)| *name).zip(parts.iter().copied()).collect();
+        named.push(("all else", whole - parts.iter().sum::<u32>()));
+        named
+    }
+
+    /// Instructions of each stage and in total: name, median and most over the frames.
+    #[must_use]
+    pub fn cost(&self) -> Vec<(&'static str, u64, u64)> {
+        let row = |name: &'static str, count: &dyn Fn(&Report) -> u64| {
+            let mut counts: Vec<u64> = self.reports.iter().map(count).collect();
+            counts.sort_unstable();
+            (name, counts.get(counts.len() / 2).copied().unwrap_or(0), counts.last().copied().unwrap_or(0))
+        };
+        let stages = Stage::ALL.iter().enumerate();
+        let mut rows: Vec<_> = stages.map(|(i, stage)| row(stage.name(), &|r| r.instructions()[i])).collect();
+        rows.push(row("total", &|r| r.instructions().iter().sum()));
+        rows
+    }
+
+    /// Where the bytes are.
+    #[must_use]
+    pub fn memory_table(&self) -> String {
+        let (program, machine, frames) = self.of;
+        let mut out = format!("| memory: {}, {} | bytes |\n| --- | --- |\n", machine.modelled(), frames.name());
+        let mut row = |name: &str, bytes: u64| {
+            // Writing to a string does not fail.
+            let _ = writeln!(out, "| {name} | {bytes} |");
+        };
+        for (name, bytes) in &self.contents.sections {
+            row(name, *bytes);
+        }
+        row(&format!("code and constants (limit {})", program.code_limit()), self.contents.code());
+        let room = self.contents.stack_room;
+        row(&format!("stack, most used (limit {STACK_LIMIT}, room {room})"), u64::from(self.stack()));
+        row("detector, within .bss", u64::from(self.detector.0));
+        for (name, bytes) in self.buffers() {
+            row(&format!("— {name}"), u64::from(bytes));
+        }
+        out
+    }
+
+    /// What the stages cost.
+    #[must_use]
+    pub fn cost_table(&self) -> String {
+        let frames = self.reports.len();
+        let mut out = format!("| stage, {frames} frames | instructions, median | most |\n| --- | --- | --- |\n");
+        for (name, median, most) in self.cost() {
+            let _ = writeln!(out, "| {name} | {median} | {most} |");
+        }
+        out
+    }
 }

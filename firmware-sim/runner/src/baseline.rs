@@ -1,0 +1,198 @@
+//! What the sample took when it was last measured: `firmware-sim/baseline.json`, and the
+//! tables of `firmware-sim/README.md`, which are written from it.
+//!
+//! In: runs on the sample. Out: complaints where one takes more than the baseline and
+//! the margin; or both files, written anew. Cost: none worth telling.
+//!
+//! Instructions are counted, not timed: they are the same in every run of one build. The
+//! margins are for what a change elsewhere does to inlining; another compiler has wider
+//! ones, [`OTHER_COMPILER`] times those.
+
+use std::env;
+use std::fs;
+use std::path::PathBuf;
+use std::process::Command;
+
+use anyhow::{Context, Result, bail};
+use serde_json::{Value, json};
+
+use crate::board::{STACK_LIMIT, root};
+use crate::tables::Run;
+
+/// Most percent that the total may grow by.
+pub const TOTAL_MARGIN: u64 = 3;
+/// Most percent that a stage may grow by.
+pub const STAGE_MARGIN: u64 = 10;
+/// What a stage may grow by in any case, instructions.
+pub const STAGE_FLOOR: u64 = 100_000;
+/// How many times the margins are wider for another compiler.
+pub const OTHER_COMPILER: u64 = 5;
+
+/// What stands before and behind the tables.
+const MARKS: [&str; 2] = ["<!-- figures: written by `scripts/board --renew` -->\n", "<!-- end of figures -->\n"];
+
+/// The baseline's file.
+///
+/// # Errors
+/// When the runner does not lie in the repository.
+pub fn path() -> Result<PathBuf> {
+    Ok(root()?.join("firmware-sim/baseline.json"))
+}
+
+/// The tables' file.
+fn readme() -> Result<PathBuf> {
+    Ok(root()?.join("firmware-sim/README.md"))
+}
+
+/// The name of a run in the baseline: board and profile.
+fn name(run: &Run) -> String {
+    let (_, machine, frames) = run.of;
+    format!("{}, {}", if machine.modelled() == "stm32f405" { "m4" } else { "m7" }, frames.name())
+}
+
+/// The compiler that builds the firmware.
+fn compiler() -> Result<String> {
+    let rustc = env::var_os("RUSTC").unwrap_or_else(|| "rustc".into());
+    let output = Command::new(rustc).arg("--version").output().context("cannot run rustc")?;
+    Ok(String::from_utf8_lossy(&output.stdout).trim().to_string())
+}
+
+/// Figures of a run, by name.
+fn figures(run: &Run) -> Value {
+    let buffers: Vec<Value> = run.buffers().iter().map(|(name, bytes)| json!([name, bytes])).collect();
+    let cost: Vec<Value> = run.cost().iter().map(|(name, median, _)| json!([name, median])).collect();
+    let frame = run.contents.sections.iter().find(|(name, _)| name == ".frame").map_or(0, |(_, bytes)| *bytes);
+    json!({
+        "code": run.contents.code(), "stack": run.stack(), "frame": frame,
+        "detector": run.detector.0, "buffers": buffers, "instructions": cost,
+    })
+}
+
+/// Compares a run with the baseline: what has grown too much, a line each.
+///
+/// # Errors
+/// When the baseline cannot be read, or has nothing of the kind.
+pub fn compare(run: &Run) -> Result<Vec<String>> {
+    let path = path()?;
+    let text = fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()))?;
+    let baseline: Value = serde_json::from_str(&text).with_context(|| path.display().to_string())?;
+    let name = name(run);
+    let was = baseline["boards"].get(&name).with_context(|| format!("{} has nothing of {name}", path.display()))?;
+    let wider = if baseline["compiler"] == compiler()? { 1 } else { OTHER_COMPILER };
+    Ok(grown(was, &figures(run), wider).iter().map(|line| format!("{name}: {line}")).collect())
+}
+
+/// Lines for what is more in `is` than in `was`, beyond the margins.
+fn grown(was: &Value, is: &Value, wider: u64) -> Vec<String> {
+    let count =
+        |of: &Value, stage: &Value| of["instructions"].as_array()?.iter().find(|row| row[0] == *stage)?[1].as_u64();
+    let mut lines = Vec::new();
+    for row in is["instructions"].as_array().into_iter().flatten() {
+        let (stage, now) = (&row[0], row[1].as_u64().unwrap_or(0));
+        let Some(before) = count(was, stage) else {
+            lines.push(format!("{stage} is not in the baseline"));
+            continue;
+        };
+        let percent = wider * if stage == "total" { TOTAL_MARGIN } else { STAGE_MARGIN };
+        let margin = (before * percent / 100).max(if stage == "total" { 0 } else { STAGE_FLOOR });
+        if now > before + margin {
+            let by = 100.0 * (now as f64 / before as f64 - 1.0);
+            lines.push(format!(
+                "{stage} takes {now} instructions, {by:.1} % more than {before}; the margin is {percent} %"
+            ));
+        }
+    }
+    lines
+}
+
+/// Writes the baseline, and the tables from it.
+///
+/// # Errors
+/// When a file cannot be read or written, or has no place for the tables.
+pub fn renew(runs: &[Run]) -> Result<()> {
+    let boards: serde_json::Map<_, _> = runs.iter().map(|run| (name(run), figures(run))).collect();
+    let baseline = json!({"compiler": compiler()?, "boards": boards});
+    fs::write(path()?, format!("{}\n", serde_json::to_string_pretty(&baseline)?))
+        .context("cannot write the baseline")?;
+    let text = fs::read_to_string(readme()?).context("cannot read the README")?;
+    let places = [text.find(MARKS[0]), text.find(MARKS[1])];
+    let [Some(start), Some(end)] = places else { bail!("firmware-sim/README.md has no place for figures") };
+    let whole = [&text[..start + MARKS[0].len()], "\n", &tables(&baseline), "\n", &text[end..]].concat();
+    fs::write(readme()?, whole).context("cannot write the README")
+}
+
+/// Both tables of a baseline, a column each board.
+fn tables(baseline: &Value) -> String {
+    let boards: Vec<(&String, &Value)> = baseline["boards"].as_object().into_iter().flatten().rev().collect();
+    let Some((_, first)) = boards.first() else { return String::new() };
+    let names: Vec<&str> = boards.iter().map(|(name, _)| name.as_str()).collect();
+    let head = |title: &str| format!("| {title} | {} |\n| --- |{}\n", names.join(" | "), " --- |".repeat(names.len()));
+    let row = |name: &str, cell: &dyn Fn(&Value) -> String| {
+        let cells: Vec<String> = boards.iter().map(|(_, board)| cell(board)).collect();
+        format!("| {name} | {} |\n", cells.join(" | "))
+    };
+    let listed = |key: &str| first[key].as_array().into_iter().flatten().map(|row| row[0].as_str().unwrap_or_default());
+
+    let mut out = head("bytes");
+    for (key, title) in [
+        ("code", format!("vectors, code, constants (limit {})", thousands(96 << 10))),
+        ("stack", format!("stack, most used (limit {})", thousands(STACK_LIMIT.into()))),
+        ("frame", "raw frame".into()),
+        ("detector", "detector".into()),
+    ] {
+        out += &row(&title, &|board| thousands(board[key].as_u64().unwrap_or(0)));
+    }
+    for (i, name) in listed("buffers").enumerate() {
+        out += &row(&format!("— {name}"), &|board| thousands(board["buffers"][i][1].as_u64().unwrap_or(0)));
+    }
+    out += "\n";
+    out += &head("million instructions, median of 4 frames");
+    for (i, name) in listed("instructions").enumerate() {
+        out += &row(name, &|board| format!("{:.1}", board["instructions"][i][1].as_f64().unwrap_or(0.0) / 1e6));
+    }
+    out
+}
+
+/// A number with commas.
+fn thousands(n: u64) -> String {
+    let digits = n.to_string();
+    let grouped: Vec<&str> =
+        digits.as_bytes().rchunks(3).rev().map(|c| str::from_utf8(c).unwrap_or_default()).collect();
+    grouped.join(",")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of(corners: u64, vote: u64, total: u64) -> Value {
+        json!({"instructions": [["corners", corners], ["vote", vote], ["total", total]]})
+    }
+
+    #[test]
+    fn only_what_grows_beyond_its_margin_is_told() {
+        let was = of(40_000_000, 50_000, 100_000_000);
+        assert_eq!(grown(&was, &of(44_000_000, 150_000, 103_000_000), 1), [""; 0], "just within");
+        assert_eq!(grown(&was, &of(10, 10, 10), 1), [""; 0], "less is well");
+        let lines = grown(&was, &of(44_000_001, 150_001, 103_000_001), 1);
+        assert_eq!(lines.len(), 3, "{lines:?}");
+        assert!(lines[2].contains("\"total\" takes 103000001 instructions, 3.0 % more"), "{}", lines[2]);
+        assert_eq!(grown(&was, &of(44_000_001, 150_001, 103_000_001), 5), [""; 0], "another compiler");
+        let lines = grown(&json!({"instructions": []}), &was, 1);
+        assert_eq!(lines[0], "\"corners\" is not in the baseline");
+    }
+
+    #[test]
+    fn the_readme_has_the_tables_of_the_baseline() {
+        let baseline: Value = serde_json::from_str(&fs::read_to_string(path().unwrap()).unwrap()).unwrap();
+        let readme = fs::read_to_string(readme().unwrap()).unwrap();
+        let tables = tables(&baseline);
+        assert!(tables.contains("| total | "), "{tables}");
+        assert!(readme.contains(&tables), "write it anew: scripts/board --renew\n{tables}");
+    }
+
+    #[test]
+    fn numbers_have_commas() {
+        assert_eq!([7, 1000, 98_304, 1_234_567].map(thousands), ["7", "1,000", "98,304", "1,234,567"]);
+    }
+}

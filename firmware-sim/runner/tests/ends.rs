@@ -1,0 +1,69 @@
+//! How a firmware ends, and what its log says, as `scripts/board` shows it.
+//!
+//! They need qemu-system-arm and the Rust target: without them they are skipped, aloud,
+//! or fail when KEYGRAPH_MUST_NOT_SKIP is set.
+
+use std::env;
+use std::process::{Command, Output};
+
+use keygraph_board::board::TARGET;
+use keygraph_board::sample;
+
+/// What `scripts/board` does with these arguments; `None` where it cannot.
+fn board(arguments: &[&str]) -> Option<Output> {
+    let output = |program: &str, argument: &str| Command::new(program).arg(argument).output();
+    let emulator = output("qemu-system-arm", "--version").is_ok();
+    let target = output("rustc", "--print=sysroot").is_ok_and(|o| {
+        let sysroot = String::from_utf8_lossy(&o.stdout).trim().to_string();
+        std::path::Path::new(&sysroot).join("lib/rustlib").join(TARGET).is_dir()
+    });
+    if !emulator || !target {
+        let missing = if emulator { TARGET } else { "qemu-system-arm" };
+        assert!(env::var_os("KEYGRAPH_MUST_NOT_SKIP").is_none(), "{missing} is missing, and nothing may be skipped");
+        eprintln!("SKIPPED: {missing} is missing; scripts/board installs it");
+        return None;
+    }
+    let run = Command::new(env!("CARGO_BIN_EXE_keygraph-board")).args(arguments).output();
+    Some(run.expect("the runner was built"))
+}
+
+/// What it said on standard error.
+fn told(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+#[test]
+fn a_panic_says_where() {
+    let Some(output) = board(&["--ends", "panic"]) else { return };
+    let told = told(&output);
+    assert_eq!(output.status.code(), Some(1), "{told}");
+    assert!(told.contains("board: error: panicked at src/bin/panic.rs:12:5:\non purpose"), "{told}");
+    assert!(told.contains("board: the board stopped with exit status: 101"), "{told}");
+    assert!(output.stdout.is_empty(), "there are no results");
+}
+
+#[test]
+fn a_fault_says_where() {
+    let Some(output) = board(&["--ends", "fault"]) else { return };
+    let told = told(&output);
+    assert_eq!(output.status.code(), Some(1), "{told}");
+    assert!(told.contains("board: error: fault at 0x"), "{told}");
+    assert!(told.contains("within fault::__cortex_m_rt_main (fault.rs:13)"), "the source of the address: {told}");
+    assert!(told.contains("board: the board stopped with exit status: 101"), "{told}");
+}
+
+#[test]
+fn the_log_is_shown() {
+    let frame = &sample::frames().expect("the frames are there")[0];
+    let arguments = ["-v", "--profile", "qqvga", frame.to_str().expect("a path in UTF-8")];
+    let Some(output) = board(&arguments) else { return };
+    let told = told(&output);
+    assert!(output.status.success(), "{told}");
+    let line = |start: &str, place: &str| told.lines().any(|l| l.starts_with(start) && l.contains(place));
+    assert!(line("board: debug: corners: seen ", "(detect.rs:"), "stages tell what they did: {told}");
+    assert!(line("board: debug: found astronaut, score 0.", "(detect.rs:"), "{told}");
+    assert!(line("board: info: 160 px x 120 px: 1 found", "(search.rs:"), "{told}");
+    let results = String::from_utf8_lossy(&output.stdout);
+    assert!(results.contains("\"object\":\"astronaut\""), "the linked-in model is found: {results}");
+    assert_eq!(results.lines().count(), 1, "the log is not among the results");
+}
