@@ -271,12 +271,12 @@ pub fn page() -> String {
         let speed = inside.map_or("—".into(), |p| rate(p, b.mhz));
         let _ = writeln!(
             page,
-            "| {} | {} {} MHz | {} of {} | {} | {} | {} | {} | {} | {} (computed) | {speed} | {} |",
+            "| {} | {} {} MHz | {}, {} | {} | {} | {} | {} | {} | {} (computed) | {speed} | {} |",
             b.name,
             b.core,
             b.mhz,
-            size(b.piece_kb),
             size(b.ram_kb[0]),
+            size(b.piece_kb),
             size(b.ram_kb[1]),
             size(b.flash_kb[0]),
             size(b.flash_kb[1]),
@@ -335,7 +335,7 @@ holds, at one instruction a cycle: the true ratio depends on the processor, on t
 compiler and on how fast the flash is read. The Vision Shield's cameras see no colour:
 train with `--luma` for them.
 
-| board | processor | RAM on the chip, largest piece | RAM beside it | flash on the chip | flash beside it | profile | with the RAM beside | preset | frames a second | source |
+| board | processor | RAM on the chip, of it for the profile | RAM beside it | flash on the chip | flash beside it | profile | with the RAM beside | preset | frames a second | source |
 | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |
 ";
 
