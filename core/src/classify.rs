@@ -102,17 +102,18 @@ const fn in_each_byte(v: u8) -> u32 {
     u32::from_le_bytes([v; 4])
 }
 
-/// Words of the keys of a plane from `at` on; 0 beyond its end.
-fn words(plane: &[u8], at: usize) -> [u32; WORDS] {
+/// The keys of a plane from `at` on, in `spare` where the plane ends before them.
+fn keys_at<'a>(plane: &'a [u8], at: usize, spare: &'a mut [u8; KEYS]) -> &'a [u8; KEYS] {
     let rest = &plane[at..];
-    if let Some(bytes) = rest.first_chunk::<KEYS>() {
-        return core::array::from_fn(|i| {
-            u32::from_le_bytes([bytes[4 * i], bytes[4 * i + 1], bytes[4 * i + 2], bytes[4 * i + 3]])
-        });
-    }
-    let mut bytes = [0; KEYS];
-    bytes[..rest.len()].copy_from_slice(rest);
-    words(&bytes, 0)
+    rest.first_chunk().unwrap_or_else(|| {
+        spare[..rest.len()].copy_from_slice(rest);
+        spare
+    })
+}
+
+/// Word `i` of some keys.
+fn word(keys: &[u8; KEYS], i: usize) -> u32 {
+    u32::from_le_bytes([keys[4 * i], keys[4 * i + 1], keys[4 * i + 2], keys[4 * i + 3]])
 }
 
 /// How many bits are set in each half byte.
@@ -148,15 +149,18 @@ impl Search<'_> {
             [second, largest].map(|r| in_each_byte(0x80 - r[0])),
             [second, largest].map(|r| in_each_byte(0x80 + r[1])),
         ];
+        let mut spare = [[0; KEYS]; 4];
         for at in (cell.start + skipped..end).step_by(KEYS) {
-            let [a, b, c] = self.keys.signatures.map(|plane| words(plane, at));
-            let angles = words(self.keys.angles, at);
+            let [d, e, f, g] = &mut spare;
+            let Keys { angles, signatures: [a, b, c], .. } = self.keys;
+            let (a, b, c) = (keys_at(a, at, d), keys_at(b, at, e), keys_at(c, at, f));
+            let angles = keys_at(angles, at, g);
             let alike: [u32; WORDS] = core::array::from_fn(|i| {
-                let bits = count_bits(a[i] ^ self.signature[0])
-                    + count_bits(b[i] ^ self.signature[1])
-                    + count_bits(c[i] ^ self.signature[2]);
+                let bits = count_bits(word(a, i) ^ self.signature[0])
+                    + count_bits(word(b, i) ^ self.signature[1])
+                    + count_bits(word(c, i) ^ self.signature[2]);
                 let bits = (bits & NIBBLE) + (bits >> 4 & NIBBLE);
-                let (s, l) = (angles[i] & NIBBLE, angles[i] >> 4 & NIBBLE);
+                let (s, l) = (word(angles, i) & NIBBLE, word(angles, i) >> 4 & NIBBLE);
                 let in_range = (least[0] + s) & (most[0] - s) & (least[1] + l) & (most[1] - l);
                 (self.most_bits - bits) & in_range & HIGH
             });

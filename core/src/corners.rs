@@ -111,6 +111,10 @@ fn sum3(p: &[f32], out: &mut [f32]) {
 /// Numbers that are looked at together.
 const LANES: usize = 8;
 
+/// Whether the target computes several numbers at once: then it costs less to compute
+/// what may not be needed than to ask.
+const VECTORS: bool = cfg!(any(target_feature = "sse2", target_feature = "neon"));
+
 /// Strengths of a row from the sums in the rows around it; what is below `cut`
 /// may be 0. Returns the greatest.
 fn strengths(sums: &[[&mut [f32]; 3]; 3], slots: [usize; 3], cut: f32, out: &mut [f32]) -> f32 {
@@ -120,8 +124,12 @@ fn strengths(sums: &[[&mut [f32]; 3]; 3], slots: [usize; 3], cut: f32, out: &mut
         let (a, b, c) = (a0[x] + a1[x] + a2[x], b0[x] + b1[x] + b2[x], c0[x] + c1[x] + c2[x]);
         // The smaller eigenvalue is at most the smaller diagonal element.
         let least = 2.0 * if a < c { a } else { c };
-        let v = strength(a, b, c);
-        out[x] = if least < cut { 0.0 } else { v };
+        out[x] = if !VECTORS && least < cut {
+            0.0
+        } else {
+            let v = strength(a, b, c);
+            if least < cut { 0.0 } else { v }
+        };
     }
     let (chunks, rest) = out.as_chunks::<LANES>();
     let mut most = [0.0; LANES];
@@ -207,10 +215,17 @@ fn find_peaks([top, mid, low]: [&[f32]; 3], out: &mut [f32]) {
     let [[t0, t1, t2], [m0, m1, m2], [l0, l1, l2]] = [top, mid, low].map(|row| [0, 1, 2].map(|d| &row[d..][..n]));
     let out = &mut out[1..][..n];
     for i in 0..n {
-        let before = max(max(t0[i], t1[i]), max(t2[i], m0[i]));
-        let after = max(max(l0[i], l1[i]), max(l2[i], m2[i]));
         let v = m1[i];
-        out[i] = if (v > before) & (v >= after) { v } else { 0.0 };
+        out[i] = if VECTORS {
+            let before = max(max(t0[i], t1[i]), max(t2[i], m0[i]));
+            let after = max(max(l0[i], l1[i]), max(l2[i], m2[i]));
+            if (v > before) & (v >= after) { v } else { 0.0 }
+        } else {
+            let along = || v > m0[i] && v >= m2[i];
+            let across = || v > t1[i] && v >= l1[i];
+            let aslant = || v > t0[i] && v > t2[i] && v >= l0[i] && v >= l2[i];
+            if v > 0.0 && along() && across() && aslant() { v } else { 0.0 }
+        };
     }
 }
 
