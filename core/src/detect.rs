@@ -17,16 +17,15 @@ use crate::capacity::{CANDIDATES, DETECTIONS, FEATURE_BYTES, LEVELS, Stage, Stag
 use crate::classify::{Match, NEIGHBOURS, classify};
 use crate::corners::{Corner, SCRATCH_ROWS, detect_corners, rank_by_radius, rank_by_strength};
 use crate::delaunay::{Triangulation, Triple, triangulate};
+use crate::evidence::{Agreement, overlap, score};
 use crate::feature::{Feature, FeatureKind, extract};
 use crate::frame::{Frame, FrameError};
-use crate::geometry::{Homography, Point, area, contains};
+use crate::geometry::{Homography, Point};
 use crate::keygraph::{Keygraph, collect_keygraphs};
 use crate::math;
 use crate::method::{Parameters, Ranking};
 use crate::model::{Model, Object, View};
-use crate::pose::{
-    AGREEMENT, CORNER_NOISE_PX, MAX_CORNERS, Normalised, Pair, SHAPES, collect_pairs, count_agreeing, grow,
-};
+use crate::pose::{MAX_CORNERS, Normalised, Pair, SHAPES, collect_pairs, count_agreeing, grow};
 use crate::pyramid::{Plane, Pyramid, PyramidView, to_level0};
 use crate::verify::likeness;
 use crate::vote::{Bin, Candidate, Vote, cast, vote};
@@ -409,33 +408,6 @@ impl<
     }
 }
 
-/// Whether votes agree with a pose.
-struct Agreement {
-    object: u16,
-    homography: Homography,
-    radius2: f32,
-}
-
-impl Agreement {
-    fn new(d: &Detection) -> Self {
-        let radius = (AGREEMENT * math::sqrt(area(&d.corners).abs())).max(CORNER_NOISE_PX);
-        Self { object: d.object, homography: d.homography, radius2: radius * radius }
-    }
-
-    fn holds(&self, model: &Model<'_>, v: &Vote, to: [[f32; 2]; 3]) -> bool {
-        if v.object != self.object {
-            return false;
-        }
-        let (view, from) = model.keygraph(v.model_keygraph as usize);
-        let h = self.homography.after(&model.view(view).to_picture);
-        from.iter().zip(to).all(|(from, to)| {
-            let p = h.apply(from.px());
-            let (dx, dy) = (p[0] - to[0], p[1] - to[1]);
-            dx * dx + dy * dy < self.radius2
-        })
-    }
-}
-
 /// Blocks that agree from which on a pose is not grown a second time.
 const CONVINCING: f32 = 8.0;
 
@@ -814,38 +786,6 @@ fn vertices(points: &[Point], k: &Keygraph) -> [(u16, [f32; 2]); 3] {
     k.vertices.map(|v| (v, to_level0(points[usize::from(v)], usize::from(k.level))))
 }
 
-/// Estimate of the probability that a pose is right: a logistic regression over 515
-/// right and 6,175 wrong candidates of hard frames, rendered and real.
-fn score(d: &Detection) -> f32 {
-    let a = &d.appearance;
-    if a.blocks < 4 {
-        return 0.0;
-    }
-    let log1p = |n: u16| math::ln(1.0 + f32::from(n));
-    // The blocks' logarithm is that of their share, 37 being all and one.
-    let logit = 1.22 * log1p(d.agreeing)
-        + 3.61 * log1p(d.votes)
-        + 6.67 * math::ln(1.0 + a.strong)
-        + 3.07 * (log1p(a.inside) - math::ln(37.0))
-        - 17.17;
-    1.0 / (1.0 + math::exp(-logit))
-}
-
-/// Whether two outlines of one object stand for one instance: a quarter of either
-/// lies inside the other. Two planar objects cannot be at one place, and a pattern
-/// that repeats itself makes shifted copies of its own outline.
-fn overlap(a: &[[f32; 2]; 4], b: &[[f32; 2]; 4]) -> bool {
-    const SIDE: u8 = 6;
-    let share = |inner: &[[f32; 2]; 4], outer: &[[f32; 2]; 4]| {
-        let mix = |p: [f32; 2], q: [f32; 2], t: f32| [p[0] + (q[0] - p[0]) * t, p[1] + (q[1] - p[1]) * t];
-        let at = |i: u8| (f32::from(i) + 0.5) / f32::from(SIDE);
-        let point = |x: u8, y: u8| mix(mix(inner[0], inner[1], at(x)), mix(inner[3], inner[2], at(x)), at(y));
-        let inside = |i: &u8| contains(outer, point(i % SIDE, i / SIDE));
-        (0..SIDE * SIDE).filter(inside).count()
-    };
-    4 * share(a, b).max(share(b, a)) >= usize::from(SIDE * SIDE)
-}
-
 /// Lengths fit `u32`: every buffer is far smaller.
 #[allow(clippy::cast_possible_truncation, reason = "capacities are far below 2^32")]
 const fn count(n: usize) -> u32 {
@@ -860,41 +800,4 @@ fn add(total: &mut StageStats, s: StageStats) {
     total.seen += s.seen;
     total.kept += s.kept;
     total.dropped += s.dropped;
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn outlines_of_one_instance_overlap() {
-        let at = |x: f32| [[x, 0.0], [x + 10.0, 0.0], [x + 10.0, 10.0], [x, 10.0]];
-        assert!(overlap(&at(0.0), &at(6.5)), "a third");
-        assert!(!overlap(&at(0.0), &at(8.5)), "a sixth");
-        let small = [[2.0, 2.0], [4.0, 2.0], [4.0, 4.0], [2.0, 4.0]];
-        assert!(overlap(&at(0.0), &small) && overlap(&small, &at(0.0)));
-    }
-
-    #[test]
-    fn the_score_grows_with_each_piece_of_evidence() {
-        let blank = Detection {
-            object: 0,
-            homography: Homography::IDENTITY,
-            corners: [[0.0; 2]; 4],
-            score: 0.0,
-            votes: 5,
-            agreeing: 15,
-            appearance: Appearance { blocks: 36, inside: 30, median: 0.5, support: 10.0, strong: 6.0, chroma: 0.0 },
-        };
-        let more = |f: &dyn Fn(&mut Detection)| {
-            let mut d = blank;
-            f(&mut d);
-            score(&d)
-        };
-        assert!(more(&|d| d.votes += 5) > score(&blank));
-        assert!(more(&|d| d.agreeing += 5) > score(&blank));
-        assert!(more(&|d| d.appearance.strong += 2.0) > score(&blank));
-        assert!(more(&|d| d.appearance.inside += 6) > score(&blank));
-        assert_eq!(more(&|d| d.appearance.blocks = 3), 0.0, "too little to see");
-    }
 }
