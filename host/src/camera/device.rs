@@ -117,6 +117,7 @@ fn give_frames(
     let start = Instant::now();
     let mut locked = !(request.lock_exposure || request.lock_white_balance);
     let mut first = true;
+    let mut sequence = None;
     while !live.frames.is_closed() {
         let (bytes, about) = match stream.next() {
             Ok(frame) => frame,
@@ -129,6 +130,10 @@ fn give_frames(
             first = false;
         }
         let at = Instant::now();
+        // Frames for which the driver had no buffer.
+        let skipped = sequence.replace(about.sequence).map_or(0, |before| skipped(before, about.sequence));
+        live.frames.count_dropped(skipped);
+        *number += skipped;
         let bytes = &bytes[..bytes.len().min(about.bytesused as usize)];
         match read_frame(mode, stride, bytes) {
             Ok((picture, jpeg)) => _ = live.frames.put(Captured { number: *number, at, picture, jpeg }),
@@ -146,6 +151,11 @@ fn give_frames(
         }
     }
     Ok(End::Closed)
+}
+
+/// Frames between two that a driver numbered; none where it does not number them.
+fn skipped(before: u32, sequence: u32) -> u64 {
+    sequence.saturating_sub(before).saturating_sub(1).into()
 }
 
 /// A picture, and the JPEG that it was.
@@ -367,6 +377,12 @@ mod tests {
         }
         // What nobody thought of is told as the system tells it.
         assert!(format!("{:#}", explain(io::Error::from_raw_os_error(12), path)).contains("memory"));
+    }
+
+    #[test]
+    fn frames_that_the_driver_skipped() {
+        assert_eq!([(0, 1), (0, 0), (7, 10), (9, 3)].map(|(a, b)| skipped(a, b)), [0, 0, 2, 0]);
+        assert_eq!(skipped(u32::MAX, 0), 0, "numbers start anew");
     }
 
     #[test]

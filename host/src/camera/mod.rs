@@ -57,7 +57,7 @@ use std::path::Path;
 use std::sync::{Arc, mpsc};
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Result, anyhow, ensure};
 use keygraph_core::detect::DEFAULT_THRESHOLD;
 use tracing::level_filters::LevelFilter;
 
@@ -136,14 +136,15 @@ pub fn camera(arguments: &Arguments) -> Result<()> {
 /// When the source cannot be read, the page's address is not to be had, the object cannot
 /// be learned, or it is told to stop before.
 pub fn learn_from_camera(lesson: &Lesson, name: String, output: &Path, plan: &Plan) -> Result<Learned> {
+    const STOPPED: &str = "ended before an object was learned";
     log_to_standard_error(LevelFilter::INFO);
     let live = Arc::new(Live::new(session::name_of(&lesson.origin), Models::load(&[], None)?, DEFAULT_THRESHOLD));
-    let stopped = "ended before an object was learned";
     if let Some(outline) = &lesson.outline {
         let session = Session::start(&lesson.origin, &live, None, None)?;
         let taken = take_picture(&live.frames, Duration::from_secs(lesson.countdown.into()));
-        session.end()?;
-        return learn(&taken.context(stopped)?, outline, &name, plan);
+        let ended = session.end();
+        let Some(picture) = taken else { return ended.and(Err(anyhow!(STOPPED))) };
+        return learn(&picture, outline, &name, plan);
     }
     let (sender, learned) = mpsc::channel();
     let errand = Errand { name, output: output.to_path_buf(), sender };
@@ -152,9 +153,8 @@ pub fn learn_from_camera(lesson: &Lesson, name: String, output: &Path, plan: &Pl
     let session = Session::start(&lesson.origin, &live, Some(page), None)?;
     tracing::info!("open it, hold the object up, and press \"Learn an object\"");
     let searched = search_frames(&live, Profile::Vga, |_| Ok(true));
-    session.end()?;
-    searched?;
-    learned.try_recv().ok().context(stopped)
+    let ended = session.end();
+    learned.try_recv().or_else(|_| ended.and(searched).and(Err(anyhow!(STOPPED))))
 }
 
 /// The newest frame when `countdown` is over, which starts with the first one. `None` when
