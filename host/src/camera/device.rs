@@ -77,7 +77,7 @@ pub fn capture(request: &Request, live: &Live) -> Result<()> {
         let session = || -> Result<End> {
             let path = find(request.device.as_deref())?;
             let device = open(&path)?;
-            let (mode, stride) = set_up(&device, &path, request).with_context(|| path.display().to_string())?;
+            let (mode, stride) = set_up(&device, &path, request)?;
             give_frames(&device, &path, (&mode, stride), request, live, &mut number)
         };
         let end =
@@ -282,13 +282,15 @@ fn most_fps(device: &Device, fourcc: FourCC, width: u32, height: u32) -> f64 {
 /// Asks for the mode nearest to the wish, and returns what the camera made of it, with
 /// the bytes of a row.
 fn set_up(device: &Device, path: &Path, request: &Request) -> Result<(Mode, usize)> {
-    ensure!(gives_pictures(device), "this device gives no pictures: see --list");
+    let name = path.display();
+    ensure!(gives_pictures(device), "{name} gives no pictures: see --list");
     let (modes, others) = modes(device).map_err(|e| explain(e, path))?;
-    let chosen = choose(&modes, &request.wish).with_context(|| refusal(&modes, &others, &request.wish))?;
+    let chosen = choose(&modes, &request.wish)
+        .with_context(|| format!("{name}: {}", refusal(&modes, &others, &request.wish)))?;
     let fourcc = FourCC::new(&chosen.format.fourcc());
     let (width, height) = request.wish.size.unwrap_or((chosen.width, chosen.height));
     let got = device.set_format(&v4l::Format::new(width, height, fourcc)).map_err(|e| explain(e, path))?;
-    ensure!(got.fourcc == fourcc, "the camera did not take the format {fourcc}: ask for another with --format");
+    ensure!(got.fourcc == fourcc, "{name} did not take the format {fourcc}: ask for another with --format");
     let mut fps = chosen.fps;
     let rate = request.wish.fps.map_or(chosen.fps, |f| if chosen.fps > 0.0 { f.min(chosen.fps) } else { f });
     if rate > 0.0 {
@@ -301,7 +303,7 @@ fn set_up(device: &Device, path: &Path, request: &Request) -> Result<(Mode, usiz
     }
     let granted = Mode { width: got.width, height: got.height, fps, ..chosen };
     if let Some(text) = ungranted(&request.wish, &granted) {
-        tracing::warn!("{}: {text}", path.display());
+        tracing::warn!("{name}: {text}");
     }
     Ok((granted, got.stride as usize))
 }
