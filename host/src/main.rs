@@ -13,8 +13,9 @@ use anyhow::{Context, Result, bail, ensure};
 use clap::error::ErrorKind;
 use clap::{CommandFactory, Parser, Subcommand};
 use keygraph::assess::{self, Assessment, Cell, assess, frames};
-use keygraph::camera::arguments::Arguments;
-use keygraph::camera::camera;
+use keygraph::camera::arguments::{Arguments, Lesson};
+use keygraph::camera::lesson::{Learned, Plan};
+use keygraph::camera::{camera, learn_from_camera};
 use keygraph::gallery::Gallery;
 use keygraph::heat::Heat;
 use keygraph::input::{Picture, Source};
@@ -45,17 +46,18 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Make a model from one picture of an object
+    /// Make a model from one picture of an object, or of what is held up to a camera
     Train {
         /// PNG or JPEG picture that shows the object, from the front, and nothing else
-        picture: PathBuf,
+        #[arg(required_unless_present = "from_camera", conflicts_with = "from_camera")]
+        picture: Option<PathBuf>,
         /// Part of the picture that shows the object, px [default: all that is opaque]
         #[arg(long, value_name = "X,Y,W,H", allow_hyphen_values = true)]
         crop: Option<Part>,
         /// Model file to write
         #[arg(short, long, value_name = "MODEL.kgm")]
         output: PathBuf,
-        /// Name of the object [default: the picture's file name]
+        /// Name of the object [default: that of the picture's file, or of the model's]
         #[arg(long)]
         name: Option<String>,
         /// How much the model holds
@@ -70,6 +72,9 @@ enum Command {
         /// Print the report as one JSON object
         #[arg(long)]
         json: bool,
+        /// How to come by a picture from a camera.
+        #[command(flatten, next_help_heading = "From a camera")]
+        lesson: Box<Lesson>,
     },
     /// Merge models into one file that finds all their objects
     Pack {
@@ -227,8 +232,16 @@ fn main() -> ExitCode {
 
 fn dispatch(command: Command) -> Result<ExitCode> {
     match command {
-        Command::Train { picture, crop, output, name, preset, bytes, luma, json } => {
-            train_one(&picture, crop, &output, name, (preset, luma), bytes, json)?;
+        Command::Train { picture, crop, output, name, preset, bytes, luma, json, lesson } => {
+            if !lesson.from_camera && lesson.origin.is_given() {
+                let message = "a camera or --replay is only looked at with --from-camera";
+                Cli::command().error(ErrorKind::ArgumentConflict, message).exit();
+            }
+            let plan = Plan { preset, bytes: bytes.unwrap_or(preset.bytes()), luma };
+            match picture {
+                Some(picture) => train_on_picture(&picture, crop, &output, name, &plan, json)?,
+                None => train_from_camera(&lesson, &output, name, &plan, json)?,
+            }
         }
         Command::Pack { models, output } => pack_all(&models, &output)?,
         Command::Inspect { model, json } => inspect(&model, json)?,
@@ -276,41 +289,65 @@ fn dispatch(command: Command) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-fn train_one(
+fn train_on_picture(
     picture: &Path,
     crop: Option<Part>,
     output: &Path,
     name: Option<String>,
-    (preset, luma): (Preset, bool),
-    bytes: Option<usize>,
+    plan: &Plan,
     json: bool,
 ) -> Result<()> {
-    // Training takes a second: a folder that is not there is said before.
-    if let Some(folder) = output.parent().filter(|f| !f.as_os_str().is_empty() && !f.is_dir()) {
-        bail!("cannot write {}: the folder {} does not exist", output.display(), folder.display());
-    }
+    check_folder_of(output)?;
     let framed = read_framed(picture, crop)?;
     tell_framing(&framed, picture, crop.is_some());
     let pixels = framed.picture;
-    match (has_colour(&pixels), preset) {
-        (false, Preset::Paper) if !luma => {
-            bail!("{} has no colour, which the paper's features are made of: use another preset", picture.display());
+    let label = picture.display().to_string();
+    check_colour(&pixels, &label, plan)?;
+    let name = name.unwrap_or_else(|| name_of(picture));
+    let (model, trained) = train_within(&pixels, &name, plan.preset, plan.luma, plan.bytes)
+        .with_context(|| format!("cannot train on {label}"))?;
+    keep_trained(&Learned { name, picture: pixels, model, trained, found: None }, &label, output, json)
+}
+
+fn train_from_camera(lesson: &Lesson, output: &Path, name: Option<String>, plan: &Plan, json: bool) -> Result<()> {
+    check_folder_of(output)?;
+    let name = name.unwrap_or_else(|| name_of(output));
+    let learned = learn_from_camera(lesson, name, output, plan)?;
+    let label = format!("the picture of {}", learned.name);
+    check_colour(&learned.picture, &label, plan)?;
+    keep_trained(&learned, &label, output, json)
+}
+
+/// Training takes a second: a folder that is not there is said before.
+fn check_folder_of(output: &Path) -> Result<()> {
+    if let Some(folder) = output.parent().filter(|f| !f.as_os_str().is_empty() && !f.is_dir()) {
+        bail!("cannot write {}: the folder {} does not exist", output.display(), folder.display());
+    }
+    Ok(())
+}
+
+fn check_colour(pixels: &Picture, label: &str, plan: &Plan) -> Result<()> {
+    match (has_colour(pixels), plan.preset) {
+        (false, Preset::Paper) if !plan.luma => {
+            bail!("{label} has no colour, which the paper's features are made of: use another preset");
         }
-        (false, _) if !luma => eprintln!("keygraph: {} has no colour: trained on luma alone", picture.display()),
+        (false, _) if !plan.luma => eprintln!("keygraph: {label} has no colour: trained on luma alone"),
         _ => {}
     }
-    let name = name.unwrap_or_else(|| name_of(picture));
-    let (bytes, trained) = train_within(&pixels, &name, preset, luma, bytes.unwrap_or(preset.bytes()))
-        .with_context(|| format!("cannot train on {}", picture.display()))?;
+    Ok(())
+}
+
+/// Writes a model and tells of it; `label` is what its picture is called.
+fn keep_trained(learned: &Learned, label: &str, output: &Path, json: bool) -> Result<()> {
     // A model that would be refused is not left behind as a file.
-    let model = Model::parse(&bytes)?;
-    fs::write(output, &bytes).with_context(|| format!("cannot write {}", output.display()))?;
-    warn(&pixels, picture, &name, &model, &trained)?;
+    let model = Model::parse(&learned.model)?;
+    fs::write(output, &learned.model).with_context(|| format!("cannot write {}", output.display()))?;
+    warn(&learned.picture, label, &learned.name, &model, &learned.trained)?;
     if json {
         return print(&report::model_object(&model).to_string());
     }
-    print(&format!("picture    {}, {}x{} px", picture.display(), pixels.width, pixels.height))?;
-    print(&training_report(&trained))?;
+    print(&format!("picture    {label}, {}x{} px", learned.picture.width, learned.picture.height))?;
+    print(&training_report(&learned.trained))?;
     print(&model_report(&model, output))
 }
 
@@ -343,18 +380,17 @@ fn name_of(picture: &Path) -> String {
 }
 
 /// Says on standard error what makes a model less useful than it looks.
-fn warn(pixels: &Picture, path: &Path, name: &str, model: &Model<'_>, trained: &Trained) -> Result<()> {
+fn warn(pixels: &Picture, label: &str, name: &str, model: &Model<'_>, trained: &Trained) -> Result<()> {
     if name.len() > NAME_BYTES {
         eprintln!("keygraph: the name was cut to {NAME_BYTES} bytes: {}", model.object(0).name);
     }
     if let Some(advice) = advice(pixels, trained).filter(|_| model.method() == Method::Keygraph) {
-        eprintln!("keygraph: {} {advice}", path.display());
+        eprintln!("keygraph: {label} {advice}");
     }
     let own = search(pixels, model, Profile::Vga, DEFAULT_THRESHOLD, false, 0)?;
     if model.method() == Method::Keygraph && own.detections.is_empty() {
         eprintln!(
-            "keygraph: the object is not found even in {} itself: use a picture with more texture, a larger one, or a less elongated part of the object",
-            path.display()
+            "keygraph: the object is not found even in {label} itself: use a picture with more texture, a larger one, or a less elongated part of the object"
         );
     }
     Ok(())

@@ -1,7 +1,7 @@
 //! `keygraph camera` with a file in place of a camera: lines, page, token, signals.
 //!
-//! In: the sequence of the repository. Out: what the program prints and answers. The
-//! page itself is looked at in `camera_page.rs`.
+//! In: the sequence of the repository. Out: what the program prints and answers. Objects
+//! are learned in `camera_learn.rs`; the page itself is looked at in `camera_page.rs`.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
 
 mod camera_live;
@@ -10,10 +10,10 @@ mod program;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::time::Duration;
 
-use camera_live::Live;
+use camera_live::{Live, outline, truth};
 use keygraph::render::corner_error;
-use program::{Folder, assets, keygraph, numbers, picture};
-use serde_json::{Value, json};
+use program::{Folder, assets, keygraph, picture};
+use serde_json::Value;
 
 fn sequence() -> String {
     assets().join("sequence").to_str().unwrap().to_string()
@@ -25,22 +25,6 @@ fn model(folder: &Folder, name: &str) -> String {
     let picture = picture(name);
     keygraph(&["train", picture.to_str().unwrap(), "--preset", "compact", "-o", &path]).ended_with(0);
     path
-}
-
-/// The outline of an object in a frame of the sequence, as it was rendered.
-fn truth(frame: u64, name: &str, [w, h]: [f64; 2]) -> Option<[[f32; 2]; 4]> {
-    let all: Value = serde_json::from_slice(&std::fs::read(assets().join("sequence/truth.json")).unwrap()).unwrap();
-    let map = &all[frame as usize % all.as_array().unwrap().len()]["objects"][name];
-    let m = if map.is_null() { return None } else { numbers::<9>(map) };
-    Some([[0.0, 0.0], [w, 0.0], [w, h], [0.0, h]].map(|[x, y]| {
-        let z = m[6] * x + m[7] * y + m[8];
-        [((m[0] * x + m[1] * y + m[2]) / z) as f32, ((m[3] * x + m[4] * y + m[5]) / z) as f32]
-    }))
-}
-
-fn outline(detection: &Value) -> [[f32; 2]; 4] {
-    let corners = detection["corners"].as_array().unwrap();
-    std::array::from_fn(|i| numbers::<2>(&corners[i]).map(|v| v as f32))
 }
 
 #[test]
@@ -69,12 +53,56 @@ fn lines_of_a_replay() {
 }
 
 #[test]
+fn the_newest_frame_is_searched_and_the_others_are_counted() {
+    let folder = Folder::new("newest");
+    let astronaut = model(&folder, "astronaut");
+    // Faster than anything searches.
+    let arguments = ["--fps", "500", "-m", &astronaut, "--json", "--frames", "6"];
+    let run = keygraph(&[&["camera", "--replay", &sequence()], &arguments[..]].concat()).ended_with(0);
+    let lines = run.lines();
+    let of = |line: &Value, key: &str| line[key].as_u64().unwrap();
+    for (before, line) in (0_u64..).zip(lines.windows(2)) {
+        // Of the frames before this one, all but those that were searched are counted by
+        // now; those that were counted a line ago had come before it. So a frame that
+        // waited gave way to each newer one.
+        let skipped = of(&line[1], "frame") - (before + 1);
+        assert!(of(&line[0], "dropped") <= skipped && skipped <= of(&line[1], "dropped"), "{}\n{}", line[0], line[1]);
+    }
+    assert!(of(lines.last().unwrap(), "dropped") > 0, "nothing was dropped:\n{}", run.out);
+}
+
+#[test]
+fn damaged_frames_are_skipped_counted_and_told_of_once() {
+    let folder = Folder::new("damaged");
+    let astronaut = model(&folder, "astronaut");
+    let frames = folder.join("frames");
+    std::fs::create_dir(&frames).unwrap();
+    let whole = std::fs::read(program::frame(2)).unwrap();
+    std::fs::write(frames.join("0.jpg"), &whole).unwrap();
+    for bad in ["1.jpg", "2.jpg"] {
+        std::fs::write(frames.join(bad), &whole[..200]).unwrap();
+    }
+    let arguments = ["--fps", "20", "-m", &astronaut, "--json", "--frames", "4", "--profile", "qvga"];
+    let run = keygraph(&[&["camera", "--replay", frames.to_str().unwrap()], &arguments[..]].concat()).ended_with(0);
+    let lines = run.lines();
+    assert!(lines.iter().all(|l| l["detections"][0]["object"] == "astronaut"), "{}", run.out);
+    assert!(lines[3]["damaged"].as_u64().unwrap() >= 6, "two of three frames are damaged: {}", lines[3]);
+    assert_eq!(run.err.matches("a damaged frame is skipped").count(), 1, "{}", run.err);
+}
+
+#[test]
 fn what_cannot_be_is_refused() {
     keygraph(&["camera", "--replay", &sequence()]).refused_with(&["give a model with -m", "--web"]);
     keygraph(&["camera", "--replay", "/no/such", "--web", "127.0.0.1:0"])
         .refused_with(&["cannot replay /no/such", "no such file"]);
     keygraph(&["camera", "--replay", "x", "-m", "/no/such.kgm"]).refused_with(&["cannot read the model /no/such.kgm"]);
     keygraph(&["camera", "--replay", &sequence(), "--web", "--mqtt", "broker"]).refused_with(&["mqtt://"]);
+    let folder = Folder::new("nothing");
+    keygraph(&["camera", "--replay", &sequence(), "--models", folder.join("none").to_str().unwrap()])
+        .refused_with(&["nothing to look for"]);
+    let file = folder.file("file", b"");
+    keygraph(&["camera", "--replay", &sequence(), "--models", file.to_str().unwrap()])
+        .refused_with(&["cannot make the folder"]);
     keygraph(&["camera", "--token", "x"]).ended_with(2).said(&["--web"]);
     keygraph(&["camera", "--size", "big"]).ended_with(2).said(&["640x480"]);
     let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
@@ -97,9 +125,13 @@ fn the_page_shows_what_is_found_to_several_viewers() {
     assert!(page.head.contains("content-security-policy"), "{}", page.head);
     assert!(page.text().contains("<canvas"));
 
-    // One who asks for a frame and never reads the answer holds nobody up.
+    // One who asks for more frames than all buffers on the way hold, and reads none, holds
+    // nobody up.
     let mut sleeper = live.connect();
-    write!(sleeper, "GET /frame HTTP/1.1\r\nHost: {}\r\n\r\n", live.place).unwrap();
+    let request = format!("GET /frame HTTP/1.1\r\nHost: {}\r\n\r\n", live.place);
+    sleeper.write_all(request.repeat(1000).as_bytes()).unwrap();
+    let mut asleep = live.connect();
+    write!(asleep, "GET /events HTTP/1.1\r\nHost: {}\r\n\r\n", live.place).unwrap();
     std::thread::scope(|scope| {
         for details in [false, true] {
             let live = &live;
@@ -143,46 +175,6 @@ fn corners_and_triangles_come_when_asked_for() {
         frame = live.frame(Some(frame.number), true);
     }
     panic!("no corners, triangles or votes: {}", frame.header);
-}
-
-#[test]
-fn an_object_is_learned_from_a_frame_and_removed_again() {
-    // A folder of one frame: what is held up does not move.
-    let folder = Folder::new("learning");
-    std::fs::copy(program::frame(2), folder.join("0.jpg")).unwrap();
-    let live = Live::start(&["--replay", folder.0.to_str().unwrap(), "--fps", "10", "--web", "127.0.0.1:0"]);
-    let frame = live.frame(None, false);
-    assert_eq!(frame.line["detections"], json!([]));
-    let shown = truth(2, "astronaut", [512.0, 512.0]).unwrap();
-    let corners: Vec<String> = shown.as_flattened().iter().map(|v| format!("{v:.1}")).collect();
-    let path = format!("/learn?name=me%20%26%20you&corners={}", corners.join(","));
-
-    let refused = live.ask("POST", "/learn?name=x&corners=1,2,3", &[], &frame.jpeg);
-    assert!(refused.status == 400 && refused.text().contains("eight numbers"), "{}", refused.text());
-    let refused = live.ask("POST", &path, &[], b"no picture");
-    assert!(refused.status == 400 && refused.text().contains("no JPEG"), "{}", refused.text());
-
-    let learned = live.ask("POST", &path, &[], &frame.jpeg);
-    assert_eq!(learned.status, 201, "{}", learned.text());
-    assert!(learned.json()["found"].as_f64().is_some_and(|s| s > 0.9), "{}", learned.text());
-    let seen = live.frame_with(|f| f.detection("me & you").is_some());
-    let error = corner_error(&outline(seen.detection("me & you").unwrap()), &shown);
-    assert!(error < 0.03, "the outline is off by {error} of its size");
-
-    let models = live.get("/status").json()["models"].clone();
-    assert_eq!(models[0]["objects"][0]["name"], "me & you");
-    let saved = live.get(&format!("/models/{}", models[0]["id"]));
-    assert!(saved.body.starts_with(&keygraph_core::model::MAGIC));
-    assert_eq!(live.ask("DELETE", &format!("/models/{}", models[0]["id"]), &[], b"").status, 204);
-    live.frame_with(|f| f.line["detections"] == json!([]));
-    assert_eq!(live.ask("POST", "/models?name=again", &[], &saved.body).status, 201);
-    live.frame_with(|f| f.detection("me & you").is_some());
-    let damaged = live.ask("POST", "/models?name=bad", &[], &saved.body[..saved.body.len() / 2]);
-    assert_eq!(damaged.status, 400, "{}", damaged.text());
-
-    assert_eq!(live.ask("PUT", "/threshold?value=0.9", &[], b"").status, 204);
-    live.frame_with(|f| f.line["threshold"] == 0.9);
-    assert_eq!(live.ask("PUT", "/threshold?value=7", &[], b"").status, 400);
 }
 
 #[test]

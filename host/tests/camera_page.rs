@@ -230,6 +230,23 @@ const ON_OUTLINE: &str = "(() => {
     return on;
 })()";
 
+/// Prints how long it takes from a frame that is there to its outline on the canvas.
+fn tell_delay(tab: &mut Tab<'_>) {
+    let mut delays: Vec<[f64; 2]> = (0..30)
+        .map(|_| {
+            let before = tab.evaluate("shown.number");
+            numbers(&tab.wait_for(&format!("shown.number !== {before} && [latency, shown.line.time_ms.total]")))
+        })
+        .collect();
+    delays.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    let ([median, search], [worst, _]) = (delays[15], delays[29]);
+    assert!(median > search, "drawn {median} ms after the camera gave it, but searched for {search} ms");
+    let _ = writeln!(
+        std::io::stderr(),
+        "from frame to drawn outline: median {median:.0} ms (its search took {search:.0} ms), worst of 30 {worst:.0} ms"
+    );
+}
+
 #[test]
 fn the_outline_lies_on_the_object_and_the_picture_moves() {
     let folder = Folder::new("outline");
@@ -238,6 +255,7 @@ fn the_outline_lies_on_the_object_and_the_picture_moves() {
     let live = Live::start(&["--replay", &still(&folder), "--fps", "10", "-m", &astronaut, "--web", "127.0.0.1:0"]);
     let mut tab = browser.tab(&format!("http://{}/", live.place), DESK);
     tab.wait_for("shown.line.detections.length === 1");
+    tell_delay(&mut tab);
     let on_outline = ON_OUTLINE.replace("TRUTH", &json!(truth(2)).to_string());
     let on = tab.evaluate(&on_outline).as_i64().unwrap();
     assert!(on >= 36, "{on} of 40 points of the true outline are drawn on");
@@ -302,8 +320,46 @@ fn an_object_is_learned_with_the_mouse() {
     let on = tab.wait_for(&ON_OUTLINE.replace("TRUTH", &json!(truth(2)).to_string())).as_i64().unwrap();
     assert!(on >= 36, "{on} of 40 points of the true outline are drawn on");
     tab.shoot("learned");
-    tab.evaluate("[...document.querySelectorAll('#models button')].find(b => b.textContent === 'Remove').click()");
+    let press = |label: &str| {
+        format!("[...document.querySelectorAll('#models button')].find(b => b.textContent === '{label}').click()")
+    };
+    tab.evaluate(&press("Remove"));
+    tab.wait_for("$('said').textContent === 'Press again to remove visitor.'");
+    assert_eq!(tab.evaluate("$('models').children.length"), 1, "removed without being asked");
+    tab.evaluate(&press("Really?"));
     tab.wait_for("shown.line.detections.length === 0 && $('models').children.length === 0");
+}
+
+#[test]
+fn training_from_a_camera_ends_with_the_page() {
+    let folder = Folder::new("train");
+    let Some(mut browser) = browser(&folder) else { return };
+    let output = folder.join("poster.kgm");
+    let mut live = Live::run(
+        "train",
+        &[
+            "--from-camera",
+            "--replay",
+            &still(&folder),
+            "--fps",
+            "10",
+            "--web",
+            "127.0.0.1:0",
+            "-o",
+            output.to_str().unwrap(),
+        ],
+    );
+    let mut tab = browser.tab(&format!("http://{}/", live.place), DESK);
+    tab.wait_for("shown.bitmap.width > 0 && $('said').textContent.includes('poster.kgm')");
+    tab.key("l", "l");
+    tab.evaluate(&format!("(outline = {}, draw(), $('train').click())", json!(truth(2))));
+    tab.wait_for("done && $('notice').textContent.includes('poster was saved as')");
+    let (status, out, _) = live.end();
+    assert!(status.success() && out.contains("the picture of poster, "), "{status}: {out}");
+    // The page knows that nobody answers any more, and does not complain.
+    thread::sleep(Duration::from_secs(2));
+    assert_eq!(tab.evaluate("$('notice').textContent.includes('poster was saved as')"), true);
+    tab.shoot("trained");
 }
 
 #[test]

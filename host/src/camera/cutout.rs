@@ -8,7 +8,7 @@
 //!
 //! Memory: the picture. Cost: some 20 ns a pixel.
 
-use anyhow::{Result, ensure};
+use anyhow::{Result, bail, ensure};
 use keygraph_core::geometry::{Homography, area, is_convex};
 
 use crate::annotate::Canvas;
@@ -17,12 +17,26 @@ use crate::input::{Picture, Pixels};
 /// Shortest side of an outline that is worth training on, px.
 const MIN_SIDE_PX: f32 = 32.0;
 
-/// The part of `frame` within `outline`: the corners of the object in frame px, from
-/// its top left clockwise.
+/// The corners of an object in frame px, from its top left clockwise.
+pub type Outline = [[f32; 2]; 4];
+
+/// Reads an outline: eight numbers with commas between them.
+///
+/// # Errors
+/// When these are not eight numbers.
+pub fn parse_outline(text: &str) -> Result<Outline> {
+    let numbers: Result<Vec<f32>, _> = text.split(',').map(|n| n.trim().parse()).collect();
+    match numbers.as_deref() {
+        Ok(&[a, b, c, d, e, f, g, h]) => Ok([[a, b], [c, d], [e, f], [g, h]]),
+        _ => bail!("an outline is eight numbers: x and y of four corners, the object's top left first, then clockwise"),
+    }
+}
+
+/// The part of `frame` within `outline`, from the front.
 ///
 /// # Errors
 /// When the outline is too small, crosses itself, or leaves the frame.
-pub fn cut_out(frame: &Picture, outline: &[[f32; 2]; 4]) -> Result<Picture> {
+pub fn cut_out(frame: &Picture, outline: &Outline) -> Result<Picture> {
     let (w, h) = (frame.width as f32, frame.height as f32);
     let inside = |p: &[f32; 2]| (-0.5..=w).contains(&p[0]) && (-0.5..=h).contains(&p[1]);
     ensure!(outline.iter().all(inside), "the outline leaves the picture: move its corners inside");
@@ -58,7 +72,7 @@ fn to_px(v: f32) -> usize {
 }
 
 /// The homography that carries `(0,0) (w,0) (w,h) (0,h)` to the four points.
-fn onto(p: &[[f32; 2]; 4], [w, h]: [f32; 2]) -> Homography {
+fn onto(p: &Outline, [w, h]: [f32; 2]) -> Homography {
     let d1 = [0, 1].map(|i| p[1][i] - p[2][i]);
     let d2 = [0, 1].map(|i| p[3][i] - p[2][i]);
     let s = [0, 1].map(|i| p[0][i] - p[1][i] + p[2][i] - p[3][i]);
@@ -117,8 +131,17 @@ mod tests {
     }
 
     #[test]
+    fn an_outline_is_eight_numbers() {
+        let outline = parse_outline("1,2, 3.5,4,5,6,-7,8").expect("eight");
+        assert_eq!(outline, [[1.0, 2.0], [3.5, 4.0], [5.0, 6.0], [-7.0, 8.0]]);
+        for text in ["", "1,2,3,4,5,6,7", "1,2,3,4,5,6,7,8,9", "1,2,3,4,5,6,7,x"] {
+            assert!(parse_outline(text).is_err(), "{text:?}");
+        }
+    }
+
+    #[test]
     fn outlines_that_cannot_be_are_refused() {
-        let refused = |outline: [[f32; 2]; 4], word: &str| {
+        let refused = |outline: Outline, word: &str| {
             let error = cut_out(&ramps(), &outline).expect_err("refused").to_string();
             assert!(error.contains(word), "{word:?} is not in: {error}");
         };

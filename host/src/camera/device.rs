@@ -26,7 +26,9 @@ use v4l::{Device, FourCC};
 
 use super::Captured;
 use super::live::Live;
-use super::mode::{Format, Mode, Wish, choose, to_picture};
+use super::mjpeg::to_jpeg;
+use super::mode::{Format, Mode, Wish, choose, refusal, to_picture, ungranted};
+use crate::input::Picture;
 
 /// A camera that gives nothing for so long is opened anew.
 const SILENCE: Duration = Duration::from_secs(3);
@@ -75,7 +77,7 @@ pub fn capture(request: &Request, live: &Live) -> Result<()> {
         let session = || -> Result<End> {
             let path = find(request.device.as_deref())?;
             let device = open(&path)?;
-            let (mode, stride) = set_up(&device, &path, request).with_context(|| path.display().to_string())?;
+            let (mode, stride) = set_up(&device, &path, request)?;
             give_frames(&device, &path, (&mode, stride), request, live, &mut number)
         };
         let end =
@@ -115,6 +117,7 @@ fn give_frames(
     let start = Instant::now();
     let mut locked = !(request.lock_exposure || request.lock_white_balance);
     let mut first = true;
+    let mut sequence = None;
     while !live.frames.is_closed() {
         let (bytes, about) = match stream.next() {
             Ok(frame) => frame,
@@ -127,13 +130,14 @@ fn give_frames(
             first = false;
         }
         let at = Instant::now();
+        // Frames for which the driver had no buffer.
+        let skipped = sequence.replace(about.sequence).map_or(0, |before| skipped(before, about.sequence));
+        live.frames.count_dropped(skipped);
+        *number += skipped;
         let bytes = &bytes[..bytes.len().min(about.bytesused as usize)];
-        match to_picture(mode, stride, bytes) {
-            Ok(picture) => {
-                let jpeg = (mode.format == Format::Mjpg).then(|| bytes.to_vec());
-                live.frames.put(Captured { number: *number, at, picture, jpeg });
-            }
-            Err(error) => tracing::debug!("{name}, frame {number}: {error:#}"),
+        match read_frame(mode, stride, bytes) {
+            Ok((picture, jpeg)) => _ = live.frames.put(Captured { number: *number, at, picture, jpeg }),
+            Err(error) => live.damage.note(format!("{name}, frame {number}"), &error),
         }
         *number += 1;
         if !locked && start.elapsed() > SETTLING {
@@ -147,6 +151,17 @@ fn give_frames(
         }
     }
     Ok(End::Closed)
+}
+
+/// Frames between two that a driver numbered; none where it does not number them.
+fn skipped(before: u32, sequence: u32) -> u64 {
+    sequence.saturating_sub(before).saturating_sub(1).into()
+}
+
+/// A picture, and the JPEG that it was.
+fn read_frame(mode: &Mode, stride: usize, bytes: &[u8]) -> Result<(Picture, Option<Vec<u8>>)> {
+    let jpeg = (mode.format == Format::Mjpg).then(|| to_jpeg(bytes)).transpose()?;
+    Ok((to_picture(mode, stride, jpeg.as_deref().unwrap_or(bytes))?, jpeg))
 }
 
 // ------------------------------------------------------------------- finding
@@ -267,19 +282,15 @@ fn most_fps(device: &Device, fourcc: FourCC, width: u32, height: u32) -> f64 {
 /// Asks for the mode nearest to the wish, and returns what the camera made of it, with
 /// the bytes of a row.
 fn set_up(device: &Device, path: &Path, request: &Request) -> Result<(Mode, usize)> {
-    ensure!(gives_pictures(device), "this device gives no pictures: see --list");
+    let name = path.display();
+    ensure!(gives_pictures(device), "{name} gives no pictures: see --list");
     let (modes, others) = modes(device).map_err(|e| explain(e, path))?;
-    let chosen = choose(&modes, &request.wish).with_context(|| {
-        let known: Vec<String> = modes.iter().map(ToString::to_string).chain(others).collect();
-        format!(
-            "the camera gives none of the formats that are understood (YUYV, MJPG, GREY) or none of the one asked for; it has: {}",
-            known.join("; ")
-        )
-    })?;
+    let chosen = choose(&modes, &request.wish)
+        .with_context(|| format!("{name}: {}", refusal(&modes, &others, &request.wish)))?;
     let fourcc = FourCC::new(&chosen.format.fourcc());
     let (width, height) = request.wish.size.unwrap_or((chosen.width, chosen.height));
     let got = device.set_format(&v4l::Format::new(width, height, fourcc)).map_err(|e| explain(e, path))?;
-    ensure!(got.fourcc == fourcc, "the camera did not take the format {fourcc}: ask for another with --format");
+    ensure!(got.fourcc == fourcc, "{name} did not take the format {fourcc}: ask for another with --format");
     let mut fps = chosen.fps;
     let rate = request.wish.fps.map_or(chosen.fps, |f| if chosen.fps > 0.0 { f.min(chosen.fps) } else { f });
     if rate > 0.0 {
@@ -290,7 +301,11 @@ fn set_up(device: &Device, path: &Path, request: &Request) -> Result<(Mode, usiz
             fps = f64::from(set.interval.denominator) / f64::from(set.interval.numerator.max(1));
         }
     }
-    Ok((Mode { width: got.width, height: got.height, fps, ..chosen }, got.stride as usize))
+    let granted = Mode { width: got.width, height: got.height, fps, ..chosen };
+    if let Some(text) = ungranted(&request.wish, &granted) {
+        tracing::warn!("{name}: {text}");
+    }
+    Ok((granted, got.stride as usize))
 }
 
 /// Switches automatisms off, so that what they chose last stays.
@@ -338,4 +353,64 @@ pub fn list() -> Result<Vec<String>> {
         }
     }
     Ok(lines)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_failure_of_a_device_says_what_to_do() {
+        let path = Path::new("/dev/video7");
+        let said = |error: io::Error| explain(error, path).to_string();
+        let of = |code: i32| said(io::Error::from_raw_os_error(code));
+        for (text, words) in [
+            (of(16), "in use by another program"),
+            (of(13), "sudo usermod -aG video $USER"),
+            (of(1), "sudo usermod -aG video $USER"),
+            (of(2), "is not there: plug the camera in"),
+            (of(19), "was unplugged"),
+            (of(6), "was unplugged"),
+            (of(5), "was unplugged"),
+            (of(25), "is no camera: see --list"),
+            (said(io::ErrorKind::TimedOut.into()), "gives no frames"),
+        ] {
+            assert!(text.contains("/dev/video7") && text.contains(words), "{words:?} is not in: {text}");
+        }
+        // What nobody thought of is told as the system tells it.
+        assert!(format!("{:#}", explain(io::Error::from_raw_os_error(12), path)).contains("memory"));
+    }
+
+    #[test]
+    fn frames_that_the_driver_skipped() {
+        assert_eq!([(0, 1), (0, 0), (7, 10), (9, 3)].map(|(a, b)| skipped(a, b)), [0, 0, 2, 0]);
+        assert_eq!(skipped(u32::MAX, 0), 0, "numbers start anew");
+    }
+
+    #[test]
+    fn a_device_is_named_by_number_or_path() {
+        let found = |wanted: &str| find(Some(wanted)).expect("named");
+        assert_eq!(found("3"), Path::new("/dev/video3"));
+        assert_eq!(found("/dev/v4l/by-id/usb-1"), Path::new("/dev/v4l/by-id/usb-1"));
+    }
+
+    #[test]
+    fn what_is_no_camera_is_refused() {
+        let refused = |path: &str, words: &str| {
+            let error = format!("{:#}", open(Path::new(path)).err().expect("no camera"));
+            assert!(error.contains(words), "{words:?} is not in: {error}");
+        };
+        refused("/dev/video999", "is not there");
+        refused("/dev/null", "is no camera: see --list");
+    }
+
+    #[test]
+    fn a_cut_frame_is_an_error_in_every_format() {
+        let mode = |format| Mode { format, width: 16, height: 16, fps: 0.0 };
+        for format in Format::ALL {
+            let full = [0xFF, 0xD8].repeat(512);
+            assert!(read_frame(&mode(format), 0, &full[..100]).is_err(), "{format:?}");
+            assert_eq!(read_frame(&mode(format), 0, &full).is_ok(), format != Format::Mjpg, "{format:?}");
+        }
+    }
 }

@@ -18,6 +18,7 @@ use serde_json::{Value, json};
 use tokio::sync::watch;
 
 use super::Captured;
+use super::damage::Damage;
 use super::models::Models;
 use super::shot::{Shot, Work};
 use super::slot::Slot;
@@ -33,6 +34,8 @@ const RATE_FRAMES: usize = 30;
 pub struct Live {
     /// Frames from the source.
     pub frames: Slot<Captured>,
+    /// Frames that came damaged.
+    pub damage: Damage,
     /// Searched frames on their way to the page.
     pub work: Slot<Work>,
     /// The models in use.
@@ -55,6 +58,7 @@ impl Live {
     pub fn new(source: String, models: Models, threshold: f32) -> Self {
         Self {
             frames: Slot::default(),
+            damage: Damage::default(),
             work: Slot::default(),
             models,
             shots: watch::Sender::new(None),
@@ -144,6 +148,7 @@ pub fn search_frames(live: &Live, profile: Profile, mut each: impl FnMut(&Outcom
             let mut outcome = outcome(live, &captured, model.as_ref(), tracked.as_ref());
             outcome.line["fps"] = json!((fps * 100.0).round() / 100.0);
             outcome.line["dropped"] = json!(live.frames.dropped());
+            outcome.line["damaged"] = json!(live.damage.count());
             outcome.line["age_ms"] = json!(captured.at.elapsed().as_millis());
             outcome.line["models"] = json!(merged.generation);
             outcome.line["threshold"] = json!(f64::from((look.threshold * 1000.0).round()) / 1000.0);

@@ -1,4 +1,4 @@
-//! In front of a camera: `keygraph camera`.
+//! In front of a camera: `keygraph camera`, and `keygraph train --from-camera`.
 //!
 //! In: a camera, or a file in place of one. Out: JSON lines, a page, messages to a
 //! broker. Threads, each waiting only for the one to its left:
@@ -11,54 +11,68 @@
 //! A file uses only files above it:
 //!
 //! - [`mode`]: in which ways cameras give pictures, and which to ask for
+//! - [`mjpeg`]: a frame of Motion-JPEG as a JPEG
+//! - [`cutout`]: the object out of a frame, to learn it
 //! - [`arguments`]: the command line
 //! - [`slot`]: the newest item of a thread, for another
+//! - [`damage`]: frames that came damaged
 //! - [`replay`]: a file in place of a camera
+//! - [`shelf`]: a folder in which models outlive the program
 //! - [`models`]: the models in use
 //! - [`tracker`]: from frame to frame
 //! - [`shot`]: a searched frame as it is handed out
 //! - [`live`]: frames searched as they come
 //! - `device`: cameras through V4L2 (with the feature `camera`, on Linux)
-//! - [`cutout`]: the object out of a frame, to learn it
+//! - [`lesson`]: an object learned from a frame
 //! - [`guard`]: who may look, and who may change something
 //! - [`web`]: the page
 //! - [`mqtt`]: what is found, to a broker
+//! - [`session`]: what runs beside the search
 //!
 //! Memory: a few frames; it does not grow. Cost: a search a frame, and a JPEG encoded
 //! while somebody looks.
 
 pub mod mode;
+pub mod mjpeg;
+pub mod cutout;
 pub mod arguments;
 pub mod slot;
+pub mod damage;
 pub mod replay;
+pub mod shelf;
 pub mod models;
 pub mod tracker;
 pub mod shot;
 pub mod live;
 #[cfg(all(feature = "camera", target_os = "linux"))]
 pub mod device;
-pub mod cutout;
+pub mod lesson;
 pub mod guard;
 pub mod web;
 pub mod mqtt;
+pub mod session;
 
 use std::io::{self, IsTerminal, Write};
-use std::net::TcpListener;
-use std::sync::{Arc, Mutex, PoisonError};
-use std::thread;
+use std::path::Path;
+use std::sync::{Arc, mpsc};
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result, ensure};
-use tokio::signal::unix::{SignalKind, signal};
-use tokio::sync::watch;
+use anyhow::{Result, anyhow, ensure};
+use keygraph_core::detect::DEFAULT_THRESHOLD;
+use tracing::level_filters::LevelFilter;
 
 use crate::input::Picture;
-use arguments::Arguments;
-use guard::Guard;
-use live::{Live, Outcome, paint, search_frames};
+use crate::search::Profile;
+use arguments::{Arguments, Lesson};
+use lesson::{Errand, Learned, Plan, learn};
+use live::{Live, Outcome, search_frames};
 use models::Models;
-use mqtt::{Broker, Outlet};
+use mqtt::Broker;
+use session::{Page, Session};
+use shelf::Shelf;
+use slot::Slot;
 use tracker::State;
+use web::School;
 
 /// Longest wait for those who are still being served at the end.
 const FAREWELL: Duration = Duration::from_secs(2);
@@ -81,40 +95,21 @@ pub struct Captured {
 /// # Errors
 /// When a model or the source cannot be read, or the page's address is not to be had.
 pub fn camera(arguments: &Arguments) -> Result<()> {
-    log_to_standard_error(arguments);
+    log_to_standard_error(arguments.log);
     if arguments.list {
-        return list();
+        return session::list()?.iter().try_for_each(|line| print(line));
     }
+    let shelf = arguments.folder.as_deref().map(Shelf::open).transpose()?;
+    let models = Models::load(&arguments.models, shelf)?;
     ensure!(
-        arguments.web.is_some() || !arguments.models.is_empty(),
+        arguments.web.is_some() || models.merged().bytes.is_some(),
         "nothing to look for: give a model with -m (make one with `keygraph train`), or --web to learn objects on a page"
     );
-    let source = match (&arguments.replay, &arguments.device) {
-        (Some(path), _) => path.display().to_string(),
-        (None, device) => device.clone().unwrap_or_else(|| "camera".into()),
-    };
-    let live = Arc::new(Live::new(source, Models::load(&arguments.models)?, arguments.threshold));
-    let (stop, stopped) = watch::channel(false);
+    let live = Arc::new(Live::new(session::name_of(&arguments.origin), models, arguments.threshold));
     let broker = arguments.mqtt.as_deref().map(Broker::parse).transpose()?.map(mqtt::channel);
     let (mut publisher, outlet) = broker.unzip();
-    let network = serve(arguments, &live, outlet, &stopped)?;
-
-    let failure = Arc::new(Mutex::new(None));
-    thread::Builder::new().name("source".into()).spawn({
-        let (live, failure, arguments) = (Arc::clone(&live), Arc::clone(&failure), arguments.clone());
-        move || {
-            let end = match &arguments.replay {
-                Some(path) => replay::replay(path, arguments.fps, &live.frames),
-                None => capture(&arguments, &live),
-            };
-            *failure.lock().unwrap_or_else(PoisonError::into_inner) = end.err();
-            live.frames.close();
-        }
-    })?;
-    let painter = thread::Builder::new().name("painter".into()).spawn({
-        let live = Arc::clone(&live);
-        move || paint(&live)
-    })?;
+    let page = arguments.web.map(|address| Page { address, token: arguments.token.clone(), school: School::default() });
+    let session = Session::start(&arguments.origin, &live, page, outlet)?;
 
     let mut left = arguments.frames;
     let mut diary = Diary::default();
@@ -129,53 +124,58 @@ pub fn camera(arguments: &Arguments) -> Result<()> {
         left = left.map(|n| n.saturating_sub(1));
         Ok(left != Some(0))
     });
-    live.frames.close();
-    live.work.close();
-    let _ = stop.send(true);
-    // Both end by themselves now; a panic of theirs has been told.
-    let _ = painter.join();
-    let _ = network.join();
+    let ended = session.end();
     searched?;
-    match failure.lock().unwrap_or_else(PoisonError::into_inner).take() {
-        Some(error) => Err(error),
-        None => Ok(()),
+    ended
+}
+
+/// Learns the object that is held up: within the outline that is given, or that somebody
+/// marks on the page.
+///
+/// # Errors
+/// When the source cannot be read, the page's address is not to be had, the object cannot
+/// be learned, or it is told to stop before.
+pub fn learn_from_camera(lesson: &Lesson, name: String, output: &Path, plan: &Plan) -> Result<Learned> {
+    const STOPPED: &str = "ended before an object was learned";
+    log_to_standard_error(LevelFilter::INFO);
+    let live = Arc::new(Live::new(session::name_of(&lesson.origin), Models::load(&[], None)?, DEFAULT_THRESHOLD));
+    if let Some(outline) = &lesson.outline {
+        let session = Session::start(&lesson.origin, &live, None, None)?;
+        let taken = take_picture(&live.frames, Duration::from_secs(lesson.countdown.into()));
+        let ended = session.end();
+        let Some(picture) = taken else { return ended.and(Err(anyhow!(STOPPED))) };
+        return learn(&picture, outline, &name, plan);
     }
+    let (sender, learned) = mpsc::channel();
+    let errand = Errand { name, output: output.to_path_buf(), sender };
+    let school = School { plan: plan.clone(), errand: Some(errand) };
+    let page = Page { address: lesson.web, token: lesson.token.clone(), school };
+    let session = Session::start(&lesson.origin, &live, Some(page), None)?;
+    tracing::info!("open it, hold the object up, and press \"Learn an object\"");
+    let searched = search_frames(&live, Profile::Vga, |_| Ok(true));
+    let ended = session.end();
+    learned.try_recv().or_else(|_| ended.and(searched).and(Err(anyhow!(STOPPED))))
 }
 
-#[cfg(all(feature = "camera", target_os = "linux"))]
-fn list() -> Result<()> {
-    device::list()?.iter().try_for_each(|line| print(line))
+/// The newest frame when `countdown` is over, which starts with the first one. `None` when
+/// it ends before.
+fn take_picture(frames: &Slot<Captured>, countdown: Duration) -> Option<Picture> {
+    let mut captured = frames.take()?;
+    let start = Instant::now();
+    let mut told = None;
+    while let Some(left) = countdown.checked_sub(start.elapsed()).filter(|left| !left.is_zero()) {
+        let seconds = left.as_secs() + 1;
+        if told.replace(seconds) != Some(seconds) {
+            tracing::info!("hold the object up: the picture is taken in {seconds} s");
+        }
+        captured = frames.take()?;
+    }
+    Some(captured.picture)
 }
 
-#[cfg(all(feature = "camera", target_os = "linux"))]
-fn capture(arguments: &Arguments, live: &Live) -> Result<()> {
-    let request = device::Request {
-        device: arguments.device.clone(),
-        wish: mode::Wish { size: arguments.size, format: arguments.format, fps: arguments.fps },
-        lock_exposure: arguments.lock_exposure,
-        lock_white_balance: arguments.lock_white_balance,
-    };
-    device::capture(&request, live)
-}
-
-/// Why there is no camera, and what to do.
-#[cfg(not(all(feature = "camera", target_os = "linux")))]
-const NO_CAMERA: &str = "this program was built without cameras (Linux only): install libclang with `sudo apt-get install libclang-dev` \
-                         and build with `cargo build --release --features keygraph/camera`, or give --replay VIDEO";
-
-#[cfg(not(all(feature = "camera", target_os = "linux")))]
-fn list() -> Result<()> {
-    anyhow::bail!(NO_CAMERA)
-}
-
-#[cfg(not(all(feature = "camera", target_os = "linux")))]
-fn capture(_: &Arguments, _: &Live) -> Result<()> {
-    anyhow::bail!(NO_CAMERA)
-}
-
-fn log_to_standard_error(arguments: &Arguments) {
+fn log_to_standard_error(level: LevelFilter) {
     let log = tracing_subscriber::fmt()
-        .with_max_level(arguments.log)
+        .with_max_level(level)
         .with_target(false)
         .with_ansi(io::stderr().is_terminal())
         .with_writer(io::stderr);
@@ -189,67 +189,6 @@ fn print(line: &str) -> Result<()> {
     writeln!(out, "{line}")?;
     out.flush()?;
     Ok(())
-}
-
-/// Starts the thread that waits for signals, serves the page and talks to the broker.
-fn serve(
-    arguments: &Arguments,
-    live: &Arc<Live>,
-    outlet: Option<Outlet>,
-    stopped: &watch::Receiver<bool>,
-) -> Result<thread::JoinHandle<()>> {
-    let page = match arguments.web {
-        None => None,
-        Some(address) => {
-            let listener = TcpListener::bind(address)
-                .with_context(|| format!("cannot serve the page at {address}: give another address with --web"))?;
-            listener.set_nonblocking(true)?;
-            let token = match &arguments.token {
-                None if address.ip().is_loopback() => None,
-                None => Some(guard::random_token()?),
-                given => given.clone(),
-            };
-            tracing::info!("the page is at {}", web::url(listener.local_addr()?, token.as_deref()));
-            Some((listener, Guard::new(token)))
-        }
-    };
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    let (live, mut stopped) = (Arc::clone(live), stopped.clone());
-    let served = async move {
-        tokio::spawn(close_on_signal(Arc::clone(&live)));
-        let publishing = outlet.map(|outlet| tokio::spawn(mqtt::publish(outlet, stopped.clone())));
-        if let Some((listener, guard)) = page
-            && let Err(error) = web::serve(listener, guard, live, stopped.clone()).await
-        {
-            tracing::error!("the page is gone: {error}");
-        }
-        let _ = stopped.wait_for(|&s| s).await;
-        if let Some(publishing) = publishing {
-            // It ends by itself; a panic of it has been told.
-            let _ = publishing.await;
-        }
-    };
-    Ok(thread::Builder::new().name("network".into()).spawn(move || {
-        runtime.block_on(served);
-        runtime.shutdown_timeout(FAREWELL);
-    })?)
-}
-
-/// The first signal ends the source, and with it all else in turn; the second, all at
-/// once.
-async fn close_on_signal(live: Arc<Live>) {
-    let signals = (signal(SignalKind::interrupt()), signal(SignalKind::terminate()));
-    let (Ok(mut interrupt), Ok(mut terminate)) = signals else {
-        return tracing::warn!("signals cannot be waited for: they end the program at once");
-    };
-    for last in [false, true] {
-        tokio::select! { _ = interrupt.recv() => {}, _ = terminate.recv() => {} }
-        if last {
-            std::process::exit(130);
-        }
-        tracing::info!("ending");
-        live.frames.close();
-    }
 }
 
 /// Logs objects that come and go.

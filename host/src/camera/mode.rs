@@ -10,7 +10,7 @@
 use std::fmt;
 use std::str::FromStr;
 
-use anyhow::{Result, bail, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use image::{ImageFormat, load_from_memory_with_format};
 
 use crate::input::{Picture, Pixels};
@@ -112,6 +112,34 @@ pub fn choose(modes: &[Mode], wish: &Wish) -> Option<Mode> {
     .copied()
 }
 
+/// Why a camera will not do, of which [`choose`] takes no mode; `others` are formats
+/// that are not understood.
+#[must_use]
+pub fn refusal(modes: &[Mode], others: &[String], wish: &Wish) -> String {
+    let all: Vec<String> = modes.iter().map(ToString::to_string).chain(others.iter().cloned()).collect();
+    let has = if all.is_empty() { "nothing".to_string() } else { all.join("; ") };
+    match wish.format.filter(|_| !modes.is_empty()) {
+        Some(format) => {
+            let fourcc = format.fourcc();
+            format!("this camera does not give {}: leave --format out; it has {has}", String::from_utf8_lossy(&fourcc))
+        }
+        None => format!(
+            "this camera gives none of the formats that are understood (YUYV, MJPG, GREY): take another camera; it has {has}"
+        ),
+    }
+}
+
+/// What of a wish the camera did not grant; `None` when it granted all.
+#[must_use]
+pub fn ungranted(wish: &Wish, got: &Mode) -> Option<String> {
+    let size = wish.size.filter(|&size| size != (got.width, got.height));
+    // Within what a camera's intervals, which are whole microseconds or so, make of it.
+    let fps = wish.fps.filter(|&fps| got.fps > 0.0 && (got.fps - fps).abs() > 0.01 * fps);
+    let asked = [size.map(|(w, h)| format!("{w}x{h}")), fps.map(|fps| format!("{fps} frames/s"))];
+    let asked: Vec<String> = asked.into_iter().flatten().collect();
+    (!asked.is_empty()).then(|| format!("this camera has no {} and gives {got}: see --list", asked.join(" at ")))
+}
+
 /// Turns the bytes of a frame into a picture; `stride` is that of the buffer's rows.
 ///
 /// # Errors
@@ -121,7 +149,7 @@ pub fn to_picture(mode: &Mode, stride: usize, bytes: &[u8]) -> Result<Picture> {
     let row_bytes = match mode.format {
         Format::Mjpg => {
             let image = load_from_memory_with_format(bytes, ImageFormat::Jpeg);
-            let (picture, _) = flatten_onto_white(image?);
+            let (picture, _) = flatten_onto_white(image.context("a damaged JPEG")?);
             return Ok(picture);
         }
         Format::Yuyv => 2 * w,
@@ -187,6 +215,31 @@ mod tests {
         assert_eq!(choose(&webcam(), &Wish { fps: Some(15.0), ..large }), Some(large_jpeg));
         assert_eq!(choose(&webcam(), &Wish { format: Some(Format::Grey), ..Wish::default() }), None);
         assert_eq!(choose(&[], &Wish::default()), None);
+    }
+
+    #[test]
+    fn a_camera_that_will_not_do_says_what_it_has() {
+        let says = |text: &str, words: &[&str]| {
+            assert!(words.iter().all(|word| text.contains(word)), "{words:?} are not all in: {text}");
+        };
+        let gray = Wish { format: Some(Format::Grey), ..Wish::default() };
+        says(&refusal(&webcam(), &[], &gray), &["does not give GREY", "--format", "YUYV 640x480, 30 frames/s"]);
+        let others = ["H264".to_string(), "NV12".to_string()];
+        says(&refusal(&[], &others, &gray), &["none of the formats", "another camera", "it has H264; NV12"]);
+        says(&refusal(&[], &[], &Wish::default()), &["it has nothing"]);
+    }
+
+    #[test]
+    fn what_was_not_granted_is_told() {
+        let got = mode(Format::Yuyv, 640, 480, 30.0);
+        let wish = |size, fps| Wish { size, fps, format: None };
+        assert_eq!(ungranted(&Wish::default(), &got), None);
+        assert_eq!(ungranted(&wish(Some((640, 480)), Some(29.97)), &got), None);
+        let said = "this camera has no 1000x700 at 60 frames/s and gives YUYV 640x480, 30 frames/s: see --list";
+        assert_eq!(ungranted(&wish(Some((1000, 700)), Some(60.0)), &got).as_deref(), Some(said));
+        let said = "this camera has no 5 frames/s and gives YUYV 640x480, 30 frames/s: see --list";
+        assert_eq!(ungranted(&wish(None, Some(5.0)), &got).as_deref(), Some(said));
+        assert_eq!(ungranted(&wish(None, Some(5.0)), &Mode { fps: 0.0, ..got }), None, "it does not say its rate");
     }
 
     #[test]

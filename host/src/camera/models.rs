@@ -1,12 +1,13 @@
 //! The models in use, which may change while frames are searched.
 //!
 //! In: model files and freshly learned models. Out: one merged model that finds all
-//! their objects, in an [`Arc`] that a searching thread keeps until it looks again.
+//! their objects, in an [`Arc`] that a searching thread keeps until it looks again; and
+//! where there is a [`Shelf`], files that the models are found in at the next start.
 //!
 //! Memory: each model, and the merged one. Cost: a merge (some 10 ms) a change.
 
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -14,6 +15,7 @@ use anyhow::{Context, Result, ensure};
 use keygraph_core::model::Model;
 use serde_json::{Value, json};
 
+use super::shelf::Shelf;
 use crate::learn::merge;
 
 /// Most models at a time.
@@ -28,6 +30,16 @@ pub struct Entry {
     pub name: String,
     /// The model.
     pub bytes: Arc<Vec<u8>>,
+    /// Its file on the shelf, which goes when the model is removed.
+    pub file: Option<PathBuf>,
+}
+
+impl Entry {
+    /// The name of its file on the shelf.
+    #[must_use]
+    pub fn file_name(&self) -> Option<String> {
+        Some(self.file.as_ref()?.file_name()?.to_string_lossy().into_owned())
+    }
 }
 
 /// What a search needs: all models in one.
@@ -43,6 +55,7 @@ pub struct Merged {
 #[derive(Debug)]
 pub struct Models {
     content: Mutex<Content>,
+    shelf: Option<Shelf>,
     generation: AtomicU64,
 }
 
@@ -54,19 +67,32 @@ struct Content {
 }
 
 impl Models {
-    /// Reads model files.
+    /// Reads model files, and those of the shelf.
     ///
     /// # Errors
-    /// When one cannot be read, is damaged, or does not go with the others.
-    pub fn load(paths: &[PathBuf]) -> Result<Self> {
+    /// When one of `paths` cannot be read, is damaged, or does not go with the others. A
+    /// file of the shelf for which that holds is left out and told of: it shall not keep
+    /// the others from being found.
+    pub fn load(paths: &[PathBuf], shelf: Option<Shelf>) -> Result<Self> {
         let content = Content { next_id: 1, entries: Vec::new(), merged: None };
-        let models = Self { content: Mutex::new(content), generation: AtomicU64::new(0) };
+        let kept = shelf.as_ref().map(Shelf::files).transpose()?.unwrap_or_default();
+        let models = Self { content: Mutex::new(content), shelf, generation: AtomicU64::new(0) };
         for path in paths {
-            let bytes = fs::read(path).with_context(|| format!("cannot read the model {}", path.display()))?;
-            let name = path.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned());
-            models.add(&name, bytes).with_context(|| path.display().to_string())?;
+            models.read(path, None)?;
+        }
+        for path in kept {
+            if let Err(error) = models.read(&path, Some(path.clone())) {
+                tracing::error!("left out: {error:#}");
+            }
         }
         Ok(models)
+    }
+
+    fn read(&self, path: &Path, file: Option<PathBuf>) -> Result<()> {
+        let bytes = fs::read(path).with_context(|| format!("cannot read the model {}", path.display()))?;
+        let name = path.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned());
+        self.insert(&name, bytes, |_| Ok(file)).with_context(|| path.display().to_string())?;
+        Ok(())
     }
 
     fn lock(&self) -> MutexGuard<'_, Content> {
@@ -74,38 +100,52 @@ impl Models {
         self.content.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Adds a model and returns its id.
+    /// Adds a model, and keeps it where there is a shelf.
     ///
     /// # Errors
-    /// When it is damaged, or does not go with those that are there.
-    pub fn add(&self, name: &str, bytes: Vec<u8>) -> Result<u64> {
+    /// When it is damaged, does not go with those that are there, or cannot be kept.
+    pub fn add(&self, name: &str, bytes: Vec<u8>) -> Result<Entry> {
+        self.insert(name, bytes, |model| self.shelf.as_ref().map(|shelf| shelf.keep(name, model)).transpose())
+    }
+
+    /// Adds a model whose file is what `keep` returns; that is called last.
+    fn insert<K>(&self, name: &str, bytes: Vec<u8>, keep: K) -> Result<Entry>
+    where
+        K: FnOnce(&[u8]) -> Result<Option<PathBuf>>,
+    {
         Model::parse(&bytes)?;
         let mut content = self.lock();
         ensure!(content.entries.len() < MOST, "{MOST} models are in use: remove one first");
         let id = content.next_id;
         let mut entries = content.entries.clone();
-        entries.push(Entry { id, name: name.to_string(), bytes: Arc::new(bytes) });
+        entries.push(Entry { id, name: name.to_string(), bytes: Arc::new(bytes), file: None });
         let merged = merge_all(&entries)?;
+        let entry = &mut entries[content.entries.len()];
+        entry.file = keep(&entry.bytes)?;
+        let entry = entry.clone();
         *content = Content { next_id: id + 1, entries, merged };
         self.generation.fetch_add(1, Ordering::Release);
-        Ok(id)
+        Ok(entry)
     }
 
-    /// Removes a model. False when there is none of this id.
+    /// Removes a model, and its file from the shelf. Returns what it was, if there is one
+    /// of this id.
     ///
     /// # Errors
-    /// Never for models that [`Models::add`] took.
-    pub fn remove(&self, id: u64) -> Result<bool> {
+    /// When its file cannot be removed: then the model stays.
+    pub fn remove(&self, id: u64) -> Result<Option<Entry>> {
         let mut content = self.lock();
         let mut entries = content.entries.clone();
-        entries.retain(|e| e.id != id);
-        if entries.len() == content.entries.len() {
-            return Ok(false);
+        let Some(at) = entries.iter().position(|e| e.id == id) else { return Ok(None) };
+        let removed = entries.remove(at);
+        let merged = merge_all(&entries)?;
+        if let (Some(shelf), Some(file)) = (&self.shelf, &removed.file) {
+            shelf.discard(file)?;
         }
-        content.merged = merge_all(&entries)?;
+        content.merged = merged;
         content.entries = entries;
         self.generation.fetch_add(1, Ordering::Release);
-        Ok(true)
+        Ok(Some(removed))
     }
 
     /// The model of this id.
@@ -124,7 +164,8 @@ impl Models {
         Merged { generation: self.generation(), bytes: content.merged.clone() }
     }
 
-    /// The list for the page: `[{"id","name","bytes","objects":[{"name","width","height"}]}]`.
+    /// The list for the page: `[{"id","name","bytes","file","objects":[{"name","width",
+    /// "height"}]}]`, `file` being the name on the shelf.
     pub fn list(&self) -> Value {
         let entries = self.lock().entries.clone();
         entries
@@ -134,7 +175,8 @@ impl Models {
                 let objects = (0..model.objects()).map(|i| model.object(i));
                 let objects = objects.map(|o| json!({"name": o.name, "width": o.width, "height": o.height}));
                 Some(json!({
-                    "id": e.id, "name": e.name, "bytes": e.bytes.len(), "objects": objects.collect::<Vec<_>>(),
+                    "id": e.id, "name": e.name, "bytes": e.bytes.len(), "file": e.file_name(),
+                    "objects": objects.collect::<Vec<_>>(),
                 }))
             })
             .collect()

@@ -13,6 +13,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result, anyhow};
 
 use super::Captured;
+use super::damage::Damage;
 use super::slot::Slot;
 use crate::input::{Kind, Source};
 
@@ -22,11 +23,11 @@ const FOLDER_FPS: f64 = 25.0;
 const PATIENCE: Duration = Duration::from_secs(1);
 
 /// Plays `path` into `frames` until that is closed, `fps` frames a second instead of
-/// the file's own rate if given.
+/// the file's own rate if given. Frames that cannot be read are noted in `damage`.
 ///
 /// # Errors
 /// When a whole round gives no frame.
-pub fn replay(path: &Path, fps: Option<f64>, frames: &Slot<Captured>) -> Result<()> {
+pub fn replay(path: &Path, fps: Option<f64>, frames: &Slot<Captured>, damage: &Damage) -> Result<()> {
     let name = path.display().to_string();
     let inputs = [PathBuf::from(path)];
     let mut number = 0;
@@ -38,7 +39,7 @@ pub fn replay(path: &Path, fps: Option<f64>, frames: &Slot<Captured>) -> Result<
             let picture = match frame.picture {
                 Ok(picture) => picture,
                 Err(error) => {
-                    tracing::warn!("{error:#}");
+                    damage.note(&name, &error);
                     trouble = Some(error);
                     continue;
                 }

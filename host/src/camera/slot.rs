@@ -49,6 +49,11 @@ impl<T> Slot<T> {
         true
     }
 
+    /// Counts items that were dropped before they could be put in.
+    pub fn count_dropped(&self, items: u64) {
+        self.lock().dropped += items;
+    }
+
     /// Waits for an item. `None` when the slot is closed and empty.
     pub fn take(&self) -> Option<T> {
         let waiting = |content: &mut Content<T>| content.item.is_none() && !content.closed;
@@ -67,7 +72,7 @@ impl<T> Slot<T> {
         self.lock().closed
     }
 
-    /// Items that nobody took.
+    /// Items that nobody took, or that were not even put in.
     pub fn dropped(&self) -> u64 {
         self.lock().dropped
     }
@@ -84,6 +89,8 @@ mod tests {
             assert!(slot.put(item));
         }
         assert_eq!((slot.take(), slot.dropped()), (Some(3), 2));
+        slot.count_dropped(4);
+        assert_eq!(slot.dropped(), 6);
     }
 
     #[test]

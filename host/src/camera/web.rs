@@ -7,7 +7,7 @@
 //! | `GET /` | the page, which asks for the rest |
 //! | `GET /frame?after=N&details=1` | the newest searched frame that is not number N, when there is one: picture and outlines in one body, see [`super::shot`]; 204 after 5 s without |
 //! | `GET /events` | JSON lines of all frames as server-sent events |
-//! | `GET /status` | what is wrong with the source, the models, the threshold |
+//! | `GET /status` | what is wrong with the source, the models, the threshold, what an [`Errand`] waits for |
 //! | `POST /models?name=N` | adds the model in the body |
 //! | `GET /models/ID`, `DELETE /models/ID` | gives, removes a model |
 //! | `PUT /threshold?value=V` | sets the least score |
@@ -24,7 +24,7 @@ use std::net::{SocketAddr, TcpListener, UdpSocket};
 use std::sync::Arc;
 use std::time::Duration;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result};
 use axum::Router;
 use axum::body::{Body, Bytes};
 use axum::extract::{DefaultBodyLimit, Path, Query, Request, State};
@@ -35,19 +35,16 @@ use axum::response::{Html, IntoResponse, Json, Response};
 use axum::routing::{get, post, put};
 use futures_util::stream::{Stream, unfold};
 use image::{ImageFormat, ImageReader};
-use keygraph_core::detect::DEFAULT_THRESHOLD;
-use keygraph_core::model::{Model, NAME_BYTES};
 use serde::Deserialize;
 use serde_json::json;
 use tokio::sync::watch;
 
 use super::FAREWELL;
-use super::cutout::cut_out;
+use super::cutout::parse_outline;
 use super::guard::{Guard, Refusal};
+use super::lesson::{Errand, Plan, learn};
 use super::live::Live;
-use crate::learn::{Preset, train};
 use crate::picture::flatten_onto_white;
-use crate::search::{Profile, search};
 
 const PAGE: &str = include_str!("../page.html");
 
@@ -66,7 +63,17 @@ const MOST_BYTES: usize = 16 << 20;
 struct Web {
     live: Arc<Live>,
     guard: Arc<Guard>,
+    school: Arc<School>,
     stopped: watch::Receiver<bool>,
+}
+
+/// How objects are learned on the page, and what becomes of them.
+#[derive(Debug, Default)]
+pub struct School {
+    /// How much a model holds.
+    pub plan: Plan,
+    /// Who waits for the first object, if anybody: the page ends with it.
+    pub errand: Option<Errand>,
 }
 
 /// An error of a request: what to do about it, for people to read.
@@ -103,10 +110,11 @@ pub fn url(address: SocketAddr, token: Option<&str>) -> String {
 pub async fn serve(
     listener: TcpListener,
     guard: Guard,
+    school: School,
     live: Arc<Live>,
     mut stopped: watch::Receiver<bool>,
 ) -> Result<()> {
-    let web = Web { live, guard: Arc::new(guard), stopped: stopped.clone() };
+    let web = Web { live, guard: Arc::new(guard), school: Arc::new(school), stopped: stopped.clone() };
     let router = Router::new()
         .route("/frame", get(frame))
         .route("/events", get(events))
@@ -114,7 +122,7 @@ pub async fn serve(
         .route("/models", post(add_model))
         .route("/models/{id}", get(give_model).delete(remove_model))
         .route("/threshold", put(set_threshold))
-        .route("/learn", post(learn))
+        .route("/learn", post(learn_object))
         .route_layer(from_fn_with_state(web.clone(), guarded))
         .route("/", get(page))
         .layer(DefaultBodyLimit::max(MOST_BYTES))
@@ -205,6 +213,8 @@ async fn status(State(web): State<Web>) -> impl IntoResponse {
         "generation": live.models.generation(),
         "models": live.models.list(),
         "dropped": live.frames.dropped(),
+        "damaged": live.damage.count(),
+        "errand": web.school.errand.as_ref().map(|e| json!({"name": e.name, "output": e.output.display().to_string()})),
     }))
 }
 
@@ -218,9 +228,14 @@ async fn add_model(
     Query(named): Query<Named>,
     body: Bytes,
 ) -> Result<impl IntoResponse, Problem> {
-    let id = web.live.models.add(&named.name, body.to_vec())?;
-    tracing::info!("model {} added", named.name);
-    Ok((StatusCode::CREATED, Json(json!({"id": id}))))
+    let added = apart(move || web.live.models.add(&named.name, body.to_vec())).await?;
+    tracing::info!("model {} added", added.name);
+    Ok((StatusCode::CREATED, Json(json!({"id": added.id, "file": added.file_name()}))))
+}
+
+/// Runs what takes its time while the others are served.
+async fn apart<T: Send + 'static>(work: impl FnOnce() -> Result<T> + Send + 'static) -> Result<T> {
+    tokio::task::spawn_blocking(work).await.context("this failed; please report what was asked for")?
 }
 
 async fn give_model(State(web): State<Web>, Path(id): Path<u64>) -> Result<impl IntoResponse, Problem> {
@@ -229,10 +244,8 @@ async fn give_model(State(web): State<Web>, Path(id): Path<u64>) -> Result<impl 
 }
 
 async fn remove_model(State(web): State<Web>, Path(id): Path<u64>) -> Result<StatusCode, Problem> {
-    if !web.live.models.remove(id)? {
-        return Err(gone());
-    }
-    tracing::info!("model {id} removed");
+    let removed = apart(move || web.live.models.remove(id)).await?.ok_or_else(gone)?;
+    tracing::info!("model {} removed", removed.name);
     Ok(StatusCode::NO_CONTENT)
 }
 
@@ -259,31 +272,28 @@ struct Lesson {
     corners: String,
 }
 
-async fn learn(
+async fn learn_object(
     State(web): State<Web>,
     Query(lesson): Query<Lesson>,
     body: Bytes,
 ) -> Result<impl IntoResponse, Problem> {
-    // Training takes a second, in which the others are served.
-    let learned = tokio::task::spawn_blocking(move || learn_from(&web.live, &lesson, &body)).await;
-    Ok((StatusCode::CREATED, Json(learned.context("the training failed; please report this picture")??)))
+    Ok((StatusCode::CREATED, Json(apart(move || learn_from(&web, &lesson, &body)).await?)))
 }
 
-/// Trains on the part of a JPEG within an outline, and looks for it in that picture.
-fn learn_from(live: &Live, lesson: &Lesson, jpeg: &[u8]) -> Result<serde_json::Value> {
-    let name = lesson.name.trim();
-    ensure!(!name.is_empty() && name.len() <= NAME_BYTES, "give the object a name of 1 to {NAME_BYTES} bytes");
-    let numbers: Result<Vec<f32>, _> = lesson.corners.split(',').map(str::parse).collect();
-    let outline: [[f32; 2]; 4] = match numbers.as_deref() {
-        Ok(&[a, b, c, d, e, f, g, h]) => [[a, b], [c, d], [e, f], [g, h]],
-        _ => anyhow::bail!("an outline is eight numbers: x and y of four corners"),
-    };
+/// Trains on the part of a JPEG within an outline, and hands the object to whom it is for.
+fn learn_from(web: &Web, lesson: &Lesson, jpeg: &[u8]) -> Result<serde_json::Value> {
+    let outline = parse_outline(&lesson.corners)?;
     let image = ImageReader::with_format(Cursor::new(jpeg), ImageFormat::Jpeg).decode();
     let (frame, _) = flatten_onto_white(image.context("the picture is no JPEG, or damaged")?);
-    let (bytes, trained) = train(&cut_out(&frame, &outline)?, name, Preset::Large, false)?;
-    let own = search(&frame, &Model::parse(&bytes)?, Profile::Vga, DEFAULT_THRESHOLD, false, 1)?;
-    let found = own.detections.first().map(|d| d.score);
-    let id = live.models.add(name, bytes)?;
-    tracing::info!("{name} learned: {} keygraphs", trained.keygraphs.kept);
-    Ok(json!({"id": id, "keygraphs": trained.keygraphs.kept, "found": found}))
+    let learned = learn(&frame, &outline, &lesson.name, &web.school.plan)?;
+    let (keygraphs, found) = (learned.trained.keygraphs.kept, learned.found);
+    tracing::info!("{} learned: {keygraphs} keygraphs", learned.name);
+    let Some(errand) = &web.school.errand else {
+        let added = web.live.models.add(&learned.name, learned.model)?;
+        return Ok(json!({"id": added.id, "file": added.file_name(), "keygraphs": keygraphs, "found": found}));
+    };
+    errand.sender.send(learned).context("an object was learned already, and the program is ending")?;
+    // Ends the source, and with it all else in turn.
+    web.live.frames.close();
+    Ok(json!({"id": null, "file": errand.output.display().to_string(), "keygraphs": keygraphs, "found": found}))
 }

@@ -1,4 +1,4 @@
-//! `keygraph camera` as a process that goes on, and what one asks it over HTTP.
+//! `keygraph camera` (and `train --from-camera`) as a process that goes on, and what one asks it over HTTP.
 //!
 //! In: arguments; requests. Out: what it logs, prints and answers. Everything waited
 //! for has a generous limit, since test machines may be slow.
@@ -13,6 +13,8 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use serde_json::Value;
+
+use crate::program::{assets, numbers};
 
 /// Longest wait for anything.
 pub const LIMIT: Duration = Duration::from_secs(90);
@@ -39,10 +41,15 @@ fn lines(stream: ChildStderr) -> Receiver<String> {
 }
 
 impl Live {
-    /// Starts it with `arguments`; waits for the page if one is asked for.
+    /// Starts `keygraph camera` with `arguments`; waits for the page if one is asked for.
     pub fn start(arguments: &[&str]) -> Self {
+        Self::run("camera", arguments)
+    }
+
+    /// The same of another command.
+    pub fn run(command: &str, arguments: &[&str]) -> Self {
         let mut child = Command::new(env!("CARGO_BIN_EXE_keygraph"))
-            .arg("camera")
+            .arg(command)
             .args(arguments)
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
@@ -154,6 +161,23 @@ impl Drop for Live {
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
+}
+
+/// The outline of an object in a frame of the sequence, as it was rendered.
+pub fn truth(frame: u64, name: &str, [w, h]: [f64; 2]) -> Option<[[f32; 2]; 4]> {
+    let all: Value = serde_json::from_slice(&std::fs::read(assets().join("sequence/truth.json")).unwrap()).unwrap();
+    let map = &all[frame as usize % all.as_array().unwrap().len()]["objects"][name];
+    let m = if map.is_null() { return None } else { numbers::<9>(map) };
+    Some([[0.0, 0.0], [w, 0.0], [w, h], [0.0, h]].map(|[x, y]| {
+        let z = m[6] * x + m[7] * y + m[8];
+        [((m[0] * x + m[1] * y + m[2]) / z) as f32, ((m[3] * x + m[4] * y + m[5]) / z) as f32]
+    }))
+}
+
+/// The outline of a detection.
+pub fn outline(detection: &Value) -> [[f32; 2]; 4] {
+    let corners = detection["corners"].as_array().unwrap();
+    std::array::from_fn(|i| numbers::<2>(&corners[i]).map(|v| v as f32))
 }
 
 /// An answer over HTTP.

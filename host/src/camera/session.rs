@@ -1,0 +1,201 @@
+//! What runs beside the search: the source of frames, the page, the broker, signals.
+//!
+//! In: where frames come from, and what is to be served. Out: frames in [`Live`], until
+//! the source ends, a signal comes, or the session is ended. Each thing has its thread,
+//! and none waits for the search.
+//!
+//! Memory: that of the threads. Cost: none of its own.
+
+use std::net::{SocketAddr, TcpListener};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread;
+
+use anyhow::{Context, Result};
+use tokio::signal::unix::{SignalKind, signal};
+use tokio::sync::watch;
+
+use super::FAREWELL;
+use super::arguments::Origin;
+#[cfg(all(feature = "camera", target_os = "linux"))]
+use super::device;
+use super::guard::{self, Guard};
+use super::live::{Live, paint};
+use super::mqtt::{self, Outlet};
+use super::replay::replay;
+use super::web::{self, School};
+
+/// The page: where, for whom, and how objects are learned on it.
+#[derive(Debug)]
+pub struct Page {
+    /// The address that it listens on.
+    pub address: SocketAddr,
+    /// What its users must know; none on loopback, or a random one, if `None`.
+    pub token: Option<String>,
+    /// How objects are learned.
+    pub school: School,
+}
+
+/// The running threads.
+#[derive(Debug)]
+pub struct Session {
+    live: Arc<Live>,
+    stop: watch::Sender<bool>,
+    network: thread::JoinHandle<()>,
+    painter: thread::JoinHandle<()>,
+    failure: Arc<Mutex<Option<anyhow::Error>>>,
+}
+
+impl Session {
+    /// Starts all threads.
+    ///
+    /// # Errors
+    /// When the page's address is not to be had.
+    pub fn start(origin: &Origin, live: &Arc<Live>, page: Option<Page>, outlet: Option<Outlet>) -> Result<Self> {
+        let (stop, stopped) = watch::channel(false);
+        let network = serve(page, live, outlet, stopped)?;
+        let failure = Arc::new(Mutex::new(None));
+        thread::Builder::new().name("source".into()).spawn({
+            let (live, failure, origin) = (Arc::clone(live), Arc::clone(&failure), origin.clone());
+            move || {
+                let end = match &origin.replay {
+                    Some(path) => replay(path, origin.fps, &live.frames, &live.damage),
+                    None => capture(&origin, &live),
+                };
+                *failure.lock().unwrap_or_else(PoisonError::into_inner) = end.err();
+                live.frames.close();
+            }
+        })?;
+        let painter = thread::Builder::new().name("painter".into()).spawn({
+            let live = Arc::clone(live);
+            move || paint(&live)
+        })?;
+        Ok(Self { live: Arc::clone(live), stop, network, painter, failure })
+    }
+
+    /// Ends all threads, and lets who is being served have the rest.
+    ///
+    /// # Errors
+    /// Why the source ended, if nobody asked it to.
+    pub fn end(self) -> Result<()> {
+        self.live.frames.close();
+        self.live.work.close();
+        let _ = self.stop.send(true);
+        // Both end by themselves now; a panic of theirs has been told.
+        let _ = self.painter.join();
+        let _ = self.network.join();
+        match self.failure.lock().unwrap_or_else(PoisonError::into_inner).take() {
+            Some(error) => Err(error),
+            None => Ok(()),
+        }
+    }
+}
+
+/// What a source is called.
+#[must_use]
+pub fn name_of(origin: &Origin) -> String {
+    match (&origin.replay, &origin.device) {
+        (Some(path), _) => path.display().to_string(),
+        (None, device) => device.clone().unwrap_or_else(|| "camera".into()),
+    }
+}
+
+#[cfg(all(feature = "camera", target_os = "linux"))]
+fn capture(origin: &Origin, live: &Live) -> Result<()> {
+    let request = device::Request {
+        device: origin.device.clone(),
+        wish: super::mode::Wish { size: origin.size, format: origin.format, fps: origin.fps },
+        lock_exposure: origin.lock_exposure,
+        lock_white_balance: origin.lock_white_balance,
+    };
+    device::capture(&request, live)
+}
+
+/// Lines that describe all cameras.
+///
+/// # Errors
+/// When there is none.
+#[cfg(all(feature = "camera", target_os = "linux"))]
+pub fn list() -> Result<Vec<String>> {
+    device::list()
+}
+
+/// Why there is no camera, and what to do.
+#[cfg(not(all(feature = "camera", target_os = "linux")))]
+const NO_CAMERA: &str = "this program was built without cameras (Linux only): install libclang with `sudo apt-get install libclang-dev` \
+                         and build with `cargo build --release --features keygraph/camera`, or give --replay VIDEO";
+
+/// Lines that describe all cameras.
+///
+/// # Errors
+/// Always: cameras were left out of this program.
+#[cfg(not(all(feature = "camera", target_os = "linux")))]
+pub fn list() -> Result<Vec<String>> {
+    anyhow::bail!(NO_CAMERA)
+}
+
+#[cfg(not(all(feature = "camera", target_os = "linux")))]
+fn capture(_: &Origin, _: &Live) -> Result<()> {
+    anyhow::bail!(NO_CAMERA)
+}
+
+/// Starts the thread that waits for signals, serves the page and talks to the broker.
+fn serve(
+    page: Option<Page>,
+    live: &Arc<Live>,
+    outlet: Option<Outlet>,
+    mut stopped: watch::Receiver<bool>,
+) -> Result<thread::JoinHandle<()>> {
+    let page = page.map(listen).transpose()?;
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    let live = Arc::clone(live);
+    let served = async move {
+        tokio::spawn(close_on_signal(Arc::clone(&live)));
+        let publishing = outlet.map(|outlet| tokio::spawn(mqtt::publish(outlet, stopped.clone())));
+        if let Some((listener, guard, school)) = page
+            && let Err(error) = web::serve(listener, guard, school, live, stopped.clone()).await
+        {
+            tracing::error!("the page is gone: {error}");
+        }
+        let _ = stopped.wait_for(|&s| s).await;
+        if let Some(publishing) = publishing {
+            // It ends by itself; a panic of it has been told.
+            let _ = publishing.await;
+        }
+    };
+    Ok(thread::Builder::new().name("network".into()).spawn(move || {
+        runtime.block_on(served);
+        runtime.shutdown_timeout(FAREWELL);
+    })?)
+}
+
+/// Takes the page's address, and says where to look.
+fn listen(page: Page) -> Result<(TcpListener, Guard, School)> {
+    let address = page.address;
+    let listener = TcpListener::bind(address)
+        .with_context(|| format!("cannot serve the page at {address}: give another address with --web"))?;
+    listener.set_nonblocking(true)?;
+    let token = match page.token {
+        None if address.ip().is_loopback() => None,
+        None => Some(guard::random_token()?),
+        given => given,
+    };
+    tracing::info!("the page is at {}", web::url(listener.local_addr()?, token.as_deref()));
+    Ok((listener, Guard::new(token), page.school))
+}
+
+/// The first signal ends the source, and with it all else in turn; the second, all at
+/// once.
+async fn close_on_signal(live: Arc<Live>) {
+    let signals = (signal(SignalKind::interrupt()), signal(SignalKind::terminate()));
+    let (Ok(mut interrupt), Ok(mut terminate)) = signals else {
+        return tracing::warn!("signals cannot be waited for: they end the program at once");
+    };
+    for last in [false, true] {
+        tokio::select! { _ = interrupt.recv() => {}, _ = terminate.recv() => {} }
+        if last {
+            std::process::exit(130);
+        }
+        tracing::info!("ending");
+        live.frames.close();
+    }
+}
