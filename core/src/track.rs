@@ -49,6 +49,11 @@ pub const STAY: f32 = 0.5;
 /// those that the score was fitted to reached it, and 5 of 116 right ones did not.
 pub const SURE: f32 = 0.8;
 
+/// Part of the support of the frame before that must be left for a followed pose to be
+/// believed without a search: what suddenly looks much less alike has been hidden, or
+/// the alignment went astray.
+pub const FADE: f32 = 0.7;
+
 /// How an instance stands in the last frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum State {
@@ -58,6 +63,18 @@ pub enum State {
     Tracked,
     /// Not seen: its detection is the last one there was.
     Lost,
+}
+
+impl State {
+    /// `found`, `tracked` or `lost`.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Found => "found",
+            Self::Tracked => "tracked",
+            Self::Lost => "lost",
+        }
+    }
 }
 
 /// One instance of an object, followed.
@@ -77,6 +94,8 @@ pub struct Track {
     before: Option<Homography>,
     /// Whether it has been seen in the frame that is being worked on.
     seen: bool,
+    /// Whether it was followed there beyond doubt.
+    sure: bool,
     /// Whether a detection of this frame's search belongs to it.
     claimed: bool,
 }
@@ -84,7 +103,7 @@ pub struct Track {
 impl Track {
     /// Whether it is where it was followed to, or where the search found it.
     fn is_certain(&self) -> bool {
-        self.seen && (self.claimed || self.detection.score >= SURE)
+        self.seen && (self.claimed || self.sure)
     }
 
     /// Takes a pose in this frame.
@@ -94,6 +113,11 @@ impl Track {
         }
         self.detection = d;
         self.seen = true;
+    }
+
+    /// Whether a pose that it was followed to is beyond doubt.
+    fn is_sure(&self, d: &Detection) -> bool {
+        d.score >= SURE && d.appearance.support >= FADE * self.detection.appearance.support
     }
 
     /// Where it will be if it goes on as it came.
@@ -125,6 +149,11 @@ impl Tracker {
     #[must_use]
     pub const fn new() -> Self {
         Self { tracks: Vec::new(), next_id: 0, since_search: 0, stats: Stats::EMPTY }
+    }
+
+    /// Has the next frame searched, whether or not all is in sight.
+    pub const fn search_next(&mut self) {
+        self.since_search = SEARCH_EVERY;
     }
 
     /// Forgets all tracks; ids are not used again.
@@ -213,8 +242,9 @@ impl Tracker {
     fn follow_all(&mut self, view: &PyramidView<'_>, model: &Model<'_>, threshold: f32) -> bool {
         let mut gone = false;
         for t in &mut self.tracks {
-            (t.seen, t.claimed) = (false, false);
+            (t.seen, t.sure, t.claimed) = (false, false, false);
             if let Some(d) = follow(view, model, t, threshold) {
+                t.sure = t.is_sure(&d);
                 t.take(d);
             }
             gone |= t.state != State::Lost && !t.is_certain();
@@ -279,6 +309,7 @@ impl Tracker {
             unseen: 1,
             before: None,
             seen: true,
+            sure: false,
             claimed: true,
         };
         if self.tracks.is_full() {
@@ -327,7 +358,7 @@ impl Tracker {
 }
 
 /// Steps of the alignment of a pose that is nearly right; see `align`.
-const STEPS: [Refinement; 3] = [(2, 4, 4, 1.0), (1, 6, 2, 1.0), (0, 6, 2, 0.98)];
+const STEPS: [Refinement; 3] = [(2, 4, 5, 1.0), (1, 6, 4, 1.0), (0, 6, 3, 0.98)];
 
 /// Where the neighbourhood is looked through: px of [`GLANCE_LEVEL`] of the template
 /// each way.
@@ -341,12 +372,12 @@ const MAX_GROWTH: f32 = 2.0;
 fn follow(view: &PyramidView<'_>, model: &Model<'_>, track: &Track, threshold: f32) -> Option<Detection> {
     let last = &track.detection.homography;
     if track.state == State::Lost {
-        return align(view, model, track, last, threshold.max(SURE));
+        return align(view, model, track, last, threshold.max(SURE)).filter(|d| track.is_sure(d));
     }
     let stay = STAY * threshold;
     let predicted = track.predicted().unwrap_or(*last);
     let straight = align(view, model, track, &predicted, stay);
-    if straight.is_some_and(|d| d.score >= SURE) {
+    if straight.is_some_and(|d| track.is_sure(&d)) {
         return straight;
     }
     let near = align(view, model, track, &glance(view, model, track, &predicted), stay);
