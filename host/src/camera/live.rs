@@ -23,7 +23,7 @@ use super::Captured;
 use super::models::Models;
 use super::shot::{Shot, Work};
 use super::slot::Slot;
-use super::state::{State, states};
+use super::tracker::{State, states};
 use crate::report::frame_line;
 use crate::search::{Found, Profile, Request};
 use crate::trail::Trail;
@@ -129,7 +129,7 @@ type Sequence = (u64, (u32, u32), u32);
 ///
 /// # Errors
 /// What `each` returned.
-pub fn track_frames(live: &Live, profile: Profile, mut each: impl FnMut(&Outcome) -> Result<bool>) -> Result<()> {
+pub fn search_frames(live: &Live, profile: Profile, mut each: impl FnMut(&Outcome) -> Result<bool>) -> Result<()> {
     let mut rate = Rate::default();
     let mut trail = Trail::default();
     loop {

@@ -4,8 +4,8 @@
 //! broker. Threads, each waiting only for the one to its left:
 //!
 //! ```text
-//! source ──newest frame──► track ──newest result──► painter ──► page, events
-//!                            └────► standard output, broker
+//! source ──newest frame──► search ──newest result──► painter ──► page, events
+//!                             └────► standard output, broker
 //! ```
 //!
 //! A file uses only files above it:
@@ -15,16 +15,16 @@
 //! - [`slot`]: the newest item of a thread, for another
 //! - [`replay`]: a file in place of a camera
 //! - [`models`]: the models in use
-//! - [`state`]: how the objects of the models stand
-//! - [`shot`]: a tracked frame as it is handed out
-//! - [`live`]: frames tracked as they come
+//! - [`tracker`]: from frame to frame
+//! - [`shot`]: a searched frame as it is handed out
+//! - [`live`]: frames searched as they come
 //! - `device`: cameras through V4L2 (with the feature `camera`, on Linux)
 //! - [`cutout`]: the object out of a frame, to learn it
 //! - [`guard`]: who may look, and who may change something
 //! - [`web`]: the page
 //! - [`mqtt`]: what is found, to a broker
 //!
-//! Memory: a few frames; it does not grow. Cost: that of the tracker, and a JPEG encoded
+//! Memory: a few frames; it does not grow. Cost: a search a frame, and a JPEG encoded
 //! while somebody looks.
 
 pub mod mode;
@@ -32,7 +32,7 @@ pub mod arguments;
 pub mod slot;
 pub mod replay;
 pub mod models;
-pub mod state;
+pub mod tracker;
 pub mod shot;
 pub mod live;
 #[cfg(all(feature = "camera", target_os = "linux"))]
@@ -55,10 +55,10 @@ use tokio::sync::watch;
 use crate::input::Picture;
 use arguments::Arguments;
 use guard::Guard;
-use live::{Live, Outcome, paint, track_frames};
+use live::{Live, Outcome, paint, search_frames};
 use models::Models;
 use mqtt::{Broker, Outlet};
-use state::State;
+use tracker::State;
 
 /// Longest wait for those who are still being served at the end.
 const FAREWELL: Duration = Duration::from_secs(2);
@@ -118,7 +118,7 @@ pub fn camera(arguments: &Arguments) -> Result<()> {
 
     let mut left = arguments.frames;
     let mut diary = Diary::default();
-    let tracked = track_frames(&live, arguments.profile, |outcome| {
+    let searched = search_frames(&live, arguments.profile, |outcome| {
         diary.note(outcome);
         if let Some(publisher) = &mut publisher {
             publisher.take(outcome);
@@ -135,7 +135,7 @@ pub fn camera(arguments: &Arguments) -> Result<()> {
     // Both end by themselves now; a panic of theirs has been told.
     let _ = painter.join();
     let _ = network.join();
-    tracked?;
+    searched?;
     match failure.lock().unwrap_or_else(PoisonError::into_inner).take() {
         Some(error) => Err(error),
         None => Ok(()),

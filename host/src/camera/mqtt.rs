@@ -27,7 +27,7 @@ use tokio::time::{sleep, timeout};
 
 use super::FAREWELL;
 use super::live::Outcome;
-use super::state::State;
+use super::tracker::State;
 
 /// Messages between us and the broker.
 const QUEUE: usize = 64;
