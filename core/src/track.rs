@@ -3,7 +3,7 @@
 //! In: the frames of one camera in order, and a model. Out: tracks, each an instance
 //! with an id that it keeps. An instance that was seen in the frame before is aligned
 //! to this one (`align`), starting where its motion leads; that needs luma alone and
-//! less than a tenth of what a search costs. A frame is searched (`detect`) only when
+//! about a tenth of what a search costs. A frame is searched (`detect`) only when
 //! nothing is in sight, when an instance could not be followed for sure or has been
 //! lost for less than [`LOST_FRAMES`], and else every [`SEARCH_EVERY`] frames, so that
 //! new instances appear.

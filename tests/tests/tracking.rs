@@ -89,7 +89,7 @@ fn a_thousand_frames_do_not_drift() {
 }
 
 #[test]
-fn more_is_found_of_what_is_hidden_and_nothing_where_nothing_is_seen() {
+fn what_is_hidden_in_part_is_found_as_by_searching_and_what_is_not_seen_is_lost() {
     let model = Model::parse(&MODEL).unwrap();
     let (mut tracked, mut searched) = ([0, 0], [0, 0]);
     for (i, (shot, found)) in run(Motion::Hidden, 5.0, (0..120).step_by(4), 5).iter().enumerate() {
