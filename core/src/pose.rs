@@ -289,8 +289,8 @@ impl Fit {
         let mut normal = self.normal();
         // A weak pull towards the current map holds directions that the pairs
         // leave open; a stronger one keeps perspective from fitting noise.
-        for i in 0..n {
-            normal[i][i] += if i < 6 { 2e-3 } else { 1e-2 } * self.weight.max(4.0) * 0.25;
+        for (i, row) in normal.iter_mut().enumerate().take(n) {
+            row[i] += if i < 6 { 2e-3 } else { 1e-2 } * self.weight.max(4.0) * 0.25;
         }
         // Few pairs do not make a shape: it tends to that of the prior.
         for i in [0, 1, 3, 4] {
@@ -299,10 +299,10 @@ impl Fit {
         }
         if projective {
             // The perspective terms themselves, not their change, tend to zero.
-            for i in 6..8 {
-                let pull = 4e-3 * self.weight.max(4.0) * 0.25;
-                normal[i][i] += pull;
-                normal[i][8] -= pull * self.h.0[i];
+            let pull = 4e-3 * self.weight.max(4.0) * 0.25;
+            for (i, row) in normal.iter_mut().enumerate().skip(6) {
+                row[i] += pull;
+                row[8] -= pull * self.h.0[i];
             }
         }
         let delta = solve(&mut normal, n)?;

@@ -3,21 +3,22 @@
 //! In: the frames of one camera in order, and a model. Out: tracks, each an instance
 //! with an id that it keeps. An instance that was seen in the frame before is aligned
 //! to this one (`align`), starting where its motion leads; that needs luma alone and
-//! less than a tenth of what a search costs. A frame is searched (`detect`) only when
+//! about a tenth of what a search costs. A frame is searched (`detect`) only when
 //! nothing is in sight, when an instance could not be followed for sure or has been
 //! lost for less than [`LOST_FRAMES`], and else every [`SEARCH_EVERY`] frames, so that
 //! new instances appear.
 //!
 //! Every frame is aligned to the template and not to the frame before: errors do not
 //! add up. To appear an instance must reach the caller's threshold. To stay without a
-//! search it must score [`SURE`]; if it does not the frame is searched, and what the
-//! search finds counts. Where that is nothing [`STAY`] of the threshold is enough, so
-//! that an instance that is half hidden does not flicker. What can neither be followed
-//! nor found is lost, and said to be.
+//! search it must score [`SURE`], and look nearly as much alike as in the frame before
+//! ([`FADE`]); if it does not the frame is searched, and what the search finds counts.
+//! Where that is nothing [`STAY`] of the threshold is enough, so that an instance that
+//! is half hidden does not flicker. What can neither be followed nor found is lost, and
+//! said to be.
 //!
 //! Memory: some 3 KB in [`Tracker`], beside the detector, whose buffers it uses.
-//! Cost: conversion and pyramid of luma, and for each track some 45,000 bilinear
-//! samples. Full: beyond [`TRACKS`] instances, those that have been lost longest make
+//! Cost: conversion and pyramid of luma, and for each track some 80,000 bilinear
+//! samples, 100,000 where it moves. Full: beyond [`TRACKS`] instances, those that have been lost longest make
 //! room; where none is lost a new one is dropped, and counted.
 
 use heapless::Vec;
@@ -49,6 +50,11 @@ pub const STAY: f32 = 0.5;
 /// those that the score was fitted to reached it, and 5 of 116 right ones did not.
 pub const SURE: f32 = 0.8;
 
+/// Part of the support of the frame before that must be left for a followed pose to be
+/// believed without a search: what suddenly looks much less alike has been hidden, or
+/// the alignment went astray.
+pub const FADE: f32 = 0.7;
+
 /// How an instance stands in the last frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum State {
@@ -58,6 +64,18 @@ pub enum State {
     Tracked,
     /// Not seen: its detection is the last one there was.
     Lost,
+}
+
+impl State {
+    /// `found`, `tracked` or `lost`.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Found => "found",
+            Self::Tracked => "tracked",
+            Self::Lost => "lost",
+        }
+    }
 }
 
 /// One instance of an object, followed.
@@ -77,6 +95,8 @@ pub struct Track {
     before: Option<Homography>,
     /// Whether it has been seen in the frame that is being worked on.
     seen: bool,
+    /// Whether it was followed there beyond doubt.
+    sure: bool,
     /// Whether a detection of this frame's search belongs to it.
     claimed: bool,
 }
@@ -84,7 +104,7 @@ pub struct Track {
 impl Track {
     /// Whether it is where it was followed to, or where the search found it.
     fn is_certain(&self) -> bool {
-        self.seen && (self.claimed || self.detection.score >= SURE)
+        self.seen && (self.claimed || self.sure)
     }
 
     /// Takes a pose in this frame.
@@ -94,6 +114,11 @@ impl Track {
         }
         self.detection = d;
         self.seen = true;
+    }
+
+    /// Whether a pose that it was followed to is beyond doubt.
+    fn is_sure(&self, d: &Detection) -> bool {
+        d.score >= SURE && d.appearance.support >= FADE * self.detection.appearance.support
     }
 
     /// Where it will be if it goes on as it came.
@@ -125,6 +150,11 @@ impl Tracker {
     #[must_use]
     pub const fn new() -> Self {
         Self { tracks: Vec::new(), next_id: 0, since_search: 0, stats: Stats::EMPTY }
+    }
+
+    /// Has the next frame searched, whether or not all is in sight.
+    pub const fn search_next(&mut self) {
+        self.since_search = SEARCH_EVERY;
     }
 
     /// Forgets all tracks; ids are not used again.
@@ -213,8 +243,9 @@ impl Tracker {
     fn follow_all(&mut self, view: &PyramidView<'_>, model: &Model<'_>, threshold: f32) -> bool {
         let mut gone = false;
         for t in &mut self.tracks {
-            (t.seen, t.claimed) = (false, false);
+            (t.seen, t.sure, t.claimed) = (false, false, false);
             if let Some(d) = follow(view, model, t, threshold) {
+                t.sure = t.is_sure(&d);
                 t.take(d);
             }
             gone |= t.state != State::Lost && !t.is_certain();
@@ -279,6 +310,7 @@ impl Tracker {
             unseen: 1,
             before: None,
             seen: true,
+            sure: false,
             claimed: true,
         };
         if self.tracks.is_full() {
@@ -327,7 +359,12 @@ impl Tracker {
 }
 
 /// Steps of the alignment of a pose that is nearly right; see `align`.
-const STEPS: [Refinement; 3] = [(2, 4, 4, 1.0), (1, 6, 2, 1.0), (0, 6, 2, 0.98)];
+const STEPS: [Refinement; 3] = [(2, 4, 5, 1.0), (1, 6, 4, 1.0), (0, 6, 2, 0.98)];
+
+/// One more where they moved a corner by [`FAR_PX`] or more: after a long way they end
+/// farther from the truth.
+const LAST_STEP: [Refinement; 1] = [(0, 6, 1, 0.98)];
+const FAR_PX: f32 = 1.0;
 
 /// Where the neighbourhood is looked through: px of [`GLANCE_LEVEL`] of the template
 /// each way.
@@ -341,12 +378,12 @@ const MAX_GROWTH: f32 = 2.0;
 fn follow(view: &PyramidView<'_>, model: &Model<'_>, track: &Track, threshold: f32) -> Option<Detection> {
     let last = &track.detection.homography;
     if track.state == State::Lost {
-        return align(view, model, track, last, threshold.max(SURE));
+        return align(view, model, track, last, threshold.max(SURE)).filter(|d| track.is_sure(d));
     }
     let stay = STAY * threshold;
     let predicted = track.predicted().unwrap_or(*last);
     let straight = align(view, model, track, &predicted, stay);
-    if straight.is_some_and(|d| d.score >= SURE) {
+    if straight.is_some_and(|d| track.is_sure(&d)) {
         return straight;
     }
     let near = align(view, model, track, &glance(view, model, track, &predicted), stay);
@@ -365,7 +402,12 @@ fn align(
     let last = &track.detection;
     let o = model.object(usize::from(last.object));
     let size = [o.width as f32, o.height as f32];
-    let homography = refine_by(&STEPS, view, &o.template, start, size);
+    let mut homography = refine_by(&STEPS, view, &o.template, start, size);
+    let corners = |h: &Homography| h.outline(size[0], size[1]);
+    let way = |(a, b): ([f32; 2], [f32; 2])| (a[0] - b[0]).abs().max((a[1] - b[1]).abs());
+    if corners(start).into_iter().zip(corners(&homography)).map(way).fold(0.0, f32::max) >= FAR_PX {
+        homography = refine_by(&LAST_STEP, view, &o.template, &homography, size);
+    }
     let appearance = appearance_of_luma(view, &o.template, 0, &homography, size);
     let d = Detection {
         appearance,
@@ -487,11 +529,21 @@ mod tests {
         }
 
         fn step(&mut self, places: &[[f32; 2]]) -> Vec<Track> {
-            let bytes = frame(places);
-            let frame = Frame::new(PixelFormat::Gray8, W, H, &bytes).unwrap();
-            let model = Model::parse(&self.model).unwrap();
-            self.tracker.track(&mut self.detector, &frame, &model, DEFAULT_THRESHOLD, &mut || 0).unwrap().to_vec()
+            self.look(&frame(places), DEFAULT_THRESHOLD)
         }
+
+        fn look(&mut self, bytes: &[u8], threshold: f32) -> Vec<Track> {
+            let frame = Frame::new(PixelFormat::Gray8, W, H, bytes).unwrap();
+            let model = Model::parse(&self.model).unwrap();
+            self.tracker.track(&mut self.detector, &frame, &model, threshold, &mut || 0).unwrap().to_vec()
+        }
+    }
+
+    /// A frame in which the object's lower part is hidden, from row `from` on.
+    fn covered(from: usize) -> Vec<u8> {
+        let mut bytes = frame(&[[30.0, 20.0]]);
+        bytes[from * W..].fill(128);
+        bytes
     }
 
     #[test]
@@ -531,6 +583,42 @@ mod tests {
         let tracks = run.step(&[[60.0, 45.0]]);
         assert_eq!(tracks.iter().map(|t| (t.id, t.state)).collect::<Vec<_>>(), [(0, State::Found)]);
         assert_eq!(run.step(&[[60.0, 45.0]])[0].state, State::Tracked);
+    }
+
+    #[test]
+    fn what_suddenly_looks_less_alike_is_searched_once() {
+        let mut run = Run::new();
+        let searched = [covered(H), covered(H), covered(60), covered(60)].map(|bytes| {
+            let tracks = run.look(&bytes, DEFAULT_THRESHOLD);
+            assert_eq!(tracks.iter().map(|t| (t.id, t.unseen)).collect::<Vec<_>>(), [(0, 0)]);
+            run.tracker.searched()
+        });
+        assert_eq!(searched, [true, false, true, false]);
+    }
+
+    #[test]
+    fn a_frame_is_searched_when_that_is_asked_for() {
+        let mut run = Run::new();
+        let _ = run.step(&[[5.0, 5.0]]);
+        run.tracker.search_next();
+        assert_eq!(run.step(&[[5.0, 5.0]])[0].state, State::Tracked);
+        assert!(run.tracker.searched());
+    }
+
+    #[test]
+    fn what_would_not_appear_may_stay() {
+        // Between the scores of the object half hidden and of all of it.
+        let score = |bytes: &[u8]| Run::new().look(bytes, 0.1)[0].detection.score;
+        let (half, whole) = (score(&covered(56)), score(&covered(H)));
+        let threshold = (half + whole) / 2.0;
+        assert!(half < threshold && threshold < whole, "{half} {whole}");
+        assert!(Run::new().look(&covered(56), threshold).is_empty(), "too little to appear");
+        let mut run = Run::new();
+        let _ = run.look(&covered(H), threshold);
+        for i in 0..3 {
+            let tracks = run.look(&covered(56), threshold);
+            assert_eq!(tracks.iter().map(|t| t.state).collect::<Vec<_>>(), [State::Tracked], "frame {i}");
+        }
     }
 
     #[test]

@@ -158,7 +158,7 @@ pub(crate) fn put_u32(r: &mut [u8], at: usize, v: usize) {
 /// The key of a keygraph, a byte for each plane.
 pub(crate) fn key_bytes(size: u8, key: Key, signature: u32) -> [u8; KEY] {
     let [a, b, c, _] = signature.to_le_bytes();
-    [size, key.largest % BIN << 4 | key.second % BIN, a, b, c]
+    [size, ((key.largest % BIN) << 4) | (key.second % BIN), a, b, c]
 }
 
 /// Sorts the keygraphs of a subset by their keys, in place (heap sort over their

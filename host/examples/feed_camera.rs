@@ -25,7 +25,8 @@ use image::codecs::jpeg::JpegEncoder;
 use keygraph::annotate::Canvas;
 use keygraph::input::{Picture, Source};
 use keygraph::search::fit;
-use keygraph::sensor::{SensorFormat, sense};
+use keygraph::sensor::sense;
+use keygraph_core::frame::PixelFormat;
 use v4l::video::Output;
 use v4l::{Device, Format, FourCC};
 
@@ -71,9 +72,9 @@ fn main() -> Result<()> {
 /// A frame as the device takes it.
 fn encode(picture: &Picture, format: &str) -> Result<Vec<u8>> {
     let to = match format {
-        "YUYV" => SensorFormat::Yuyv,
-        "GREY" => SensorFormat::Gray8,
-        "NV12" => SensorFormat::Nv12,
+        "YUYV" => PixelFormat::Yuyv,
+        "GREY" => PixelFormat::Gray8,
+        "NV12" => PixelFormat::Nv12,
         "MJPG" => {
             let (canvas, mut jpeg) = (Canvas::from_picture(picture), Vec::new());
             let (w, h) = (canvas.width(), canvas.height());

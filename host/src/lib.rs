@@ -8,6 +8,7 @@
 //! - [`annotate`], [`video`], [`progress`]: what is drawn, written and shown
 //! - [`sensor`]: pixels as a camera's sensor would give them
 //! - [`search`]: one frame into a detector of the right size
+//! - [`trail`]: frames in order, and what was found followed through them
 //! - [`margins`]: plain surroundings of a picture
 //! - [`pose`]: where detections are in space
 //! - [`learn`]: one picture into a model; models into one
@@ -27,6 +28,7 @@ pub mod video;
 pub mod progress;
 pub mod sensor;
 pub mod search;
+pub mod trail;
 pub mod margins;
 pub mod pose;
 pub mod learn;

@@ -96,11 +96,7 @@ pub fn frame_line(
 fn detection_object(model: &Model<'_>, d: &Detection, state: State) -> Value {
     json!({
         "object": model.object(usize::from(d.object)).name,
-        "state": match state {
-            State::Found => "found",
-            State::Tracked => "tracked",
-            State::Lost => "lost",
-        },
+        "state": state.name(),
         "score": rounded(d.score, 4),
         "homography": d.homography.0.map(f64::from),
         "corners": d.corners.map(|p| p.map(|v| rounded(v, 3))),

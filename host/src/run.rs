@@ -16,12 +16,12 @@ use anyhow::{Context, Result, anyhow};
 use keygraph_core::camera::PlanePose;
 use keygraph_core::frame::PixelFormat;
 use keygraph_core::model::Model;
-use keygraph_core::track::Tracker;
 
 use crate::annotate::{Canvas, Outline, colour, draw_axes, draw_corners, draw_label, draw_outline, draw_triangles};
 use crate::input::{Kind, Picture, Source, SourceFrame};
 use crate::pose::Calibration;
-use crate::search::{Found, MAX_THREADS, Profile, Request, follow, search_for};
+use crate::search::{Found, MAX_THREADS, Profile, Request, search_for};
+use crate::trail::Trail;
 
 /// How frames are searched.
 #[derive(Clone, Copy, Debug)]
@@ -110,7 +110,7 @@ pub fn run(
         for slot in 0..threads {
             let (done, queue) = (done.clone(), &queue);
             scope.spawn(move || {
-                let mut trail = options.track.then(Trail::default);
+                let mut trail = options.track.then(Trail::<Sequence>::default);
                 loop {
                     let job = queue.lock().map_or(None, |q| q.recv().ok());
                     let Some((index, frame)) = job else { return };
@@ -138,28 +138,10 @@ pub fn run(
     })
 }
 
-/// A tracker, and what it follows things in.
-#[derive(Debug, Default)]
-struct Trail {
-    tracker: Tracker,
-    sequence: Option<(PathBuf, (u32, u32))>,
-}
-
-impl Trail {
-    /// The tracker, which starts anew when `picture` belongs to another sequence than
-    /// the one before.
-    fn tracker(&mut self, source: &str, kind: Kind, picture: &Picture) -> &mut Tracker {
-        let sequence = Some(sequence(source, kind, (picture.width, picture.height)));
-        if self.sequence != sequence {
-            self.tracker.reset();
-            self.sequence = sequence;
-        }
-        &mut self.tracker
-    }
-}
-
 /// What a frame is the next one of: a video, or the pictures of a folder, of one size.
-fn sequence(source: &str, kind: Kind, size: (u32, u32)) -> (PathBuf, (u32, u32)) {
+type Sequence = (PathBuf, (u32, u32));
+
+fn sequence(source: &str, kind: Kind, size: (u32, u32)) -> Sequence {
     let path = Path::new(source);
     let of = if kind == Kind::Still { path.parent().unwrap_or(path) } else { path };
     (of.into(), size)
@@ -171,12 +153,10 @@ fn search_safely(
     model: &Model<'_>,
     options: &Options<'_>,
     slot: usize,
-    trail: &mut Option<Trail>,
+    trail: &mut Option<Trail<Sequence>>,
 ) -> Outcome {
     let (source, index, kind) = (frame.source.clone(), frame.frame, frame.kind);
     catch_unwind(AssertUnwindSafe(|| search_one(frame, model, options, slot, trail.as_mut()))).unwrap_or_else(|_| {
-        // What it was about to change may be half done.
-        *trail = trail.take().map(|_| Trail::default());
         let result = Err(anyhow!("{source}, frame {index}: the search failed; please report this frame"));
         Outcome { source, frame: index, kind, result }
     })
@@ -187,14 +167,14 @@ fn search_one(
     model: &Model<'_>,
     options: &Options<'_>,
     slot: usize,
-    trail: Option<&mut Trail>,
+    trail: Option<&mut Trail<Sequence>>,
 ) -> Outcome {
     let SourceFrame { source, frame, kind, picture } = frame;
     let result = picture.and_then(|p| {
         let Options { profile, threshold, annotate: details, format, digests, .. } = *options;
         let request = Request { profile, threshold, details, format, digests };
-        let found = match trail.map(|t| t.tracker(&source, kind, &p)) {
-            Some(tracker) => follow(&p, model, &request, slot, tracker),
+        let found = match trail {
+            Some(trail) => trail.next(sequence(&source, kind, (p.width, p.height)), &p, model, &request, slot),
             None => search_for(&p, model, &request, slot),
         }
         .with_context(|| source.clone())?;

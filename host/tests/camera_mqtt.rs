@@ -108,7 +108,10 @@ fn a_broker_that_is_restarted() {
     let subscriber = Subscriber::new(port);
     let arguments = ["--replay", frames.to_str().unwrap(), "--fps", "5", "-m", model, "--mqtt", &url];
     let mut live = Live::start(&arguments);
-    let is_found = |payload: &str| serde_json::from_str::<Value>(payload).unwrap()["state"] == "found";
+    let is_found = |payload: &str| {
+        let payload: Value = serde_json::from_str(payload).unwrap();
+        payload["state"] == "found" || payload["state"] == "tracked"
+    };
     subscriber.wait_for("test/status", |p| p == "online");
     subscriber.wait_for("test/objects/astronaut", is_found);
     let line = subscriber.wait_for("test/detections", |_| true);

@@ -8,7 +8,7 @@ use keygraph::input::Picture;
 use keygraph::learn::{Preset, train};
 use keygraph::render::{RIGHT, corner_error};
 use keygraph::report::frame_line;
-use keygraph::search::{Found, Profile, Request, follow};
+use keygraph::search::{Found, Profile, Request, follow, search};
 use keygraph_core::detect::DEFAULT_THRESHOLD;
 use keygraph_core::model::Model;
 use keygraph_core::track::{State, Tracker};
@@ -54,6 +54,59 @@ fn corners_of_what_stands_still_jitter_by_less_than_a_third_of_a_pixel() {
             assert!(spread < 0.3, "corner {c}: {spread} px");
         }
     }
+}
+
+#[test]
+fn a_thousand_frames_do_not_drift() {
+    // Noise of 20 frames, again and again.
+    let sequence = Sequence::new(&PICTURE, Motion::Still, 8.0, 7);
+    let shots: Vec<Shot> = (0..20).map(|i| sequence.shot(i)).collect();
+    let model = Model::parse(&MODEL).unwrap();
+    let mut tracker = Tracker::new();
+    let request = Request::new(Profile::Qvga, DEFAULT_THRESHOLD);
+    // Where the corners are, on average over 100 frames, less where they should be.
+    let hundred = |start: usize, tracker: &mut Tracker| {
+        let mut sum = [[0.0; 2]; 4];
+        for i in start..start + 100 {
+            let shot = &shots[i % 20];
+            let found = follow(&shot.picture, &model, &request, 4, tracker).unwrap();
+            assert!(is_right(shot, &found), "frame {i}: {:?} for {:?}", found.detections, shot.copies);
+            let (corners, truth) = (found.detections[0].corners, shot.copies[0].0);
+            for (c, k) in (0..8).map(|v| (v / 2, v % 2)) {
+                sum[c][k] += (corners[c][k] - truth[c][k]) / 100.0;
+            }
+        }
+        sum
+    };
+    let first = hundred(0, &mut tracker);
+    for start in (100..900).step_by(100) {
+        let _ = hundred(start, &mut tracker);
+    }
+    let last = hundred(900, &mut tracker);
+    for (a, b) in first.as_flattened().iter().zip(last.as_flattened()) {
+        assert!((a - b).abs() < 0.02, "corners of the last hundred frames {last:?}, of the first {first:?}");
+    }
+}
+
+#[test]
+fn what_is_hidden_in_part_is_found_as_by_searching_and_what_is_not_seen_is_lost() {
+    let model = Model::parse(&MODEL).unwrap();
+    let (mut tracked, mut searched) = ([0, 0], [0, 0]);
+    for (i, (shot, found)) in run(Motion::Hidden, 5.0, (0..120).step_by(4), 5).iter().enumerate() {
+        let untracked = search(&shot.picture, &model, Profile::Vga, DEFAULT_THRESHOLD, false, 6).unwrap();
+        for (found, [right, wrong]) in [(found, &mut tracked), (&untracked, &mut searched)] {
+            let ok = usize::from(found.detections.iter().any(|d| corner_error(&d.corners, &shot.copies[0].0) < RIGHT));
+            *right += ok;
+            *wrong += found.detections.len() - ok;
+        }
+        let tracking = found.tracking.as_ref().unwrap();
+        let ids: Vec<u32> = tracking.seen.iter().map(|s| s.0).chain(tracking.lost.iter().map(|t| t.id)).collect();
+        assert_eq!(ids, [0], "frame {i}: one instance, seen or lost");
+        assert!(shot.copies[0].1 > 0.0 || found.detections.is_empty(), "frame {i}: nothing of it is seen");
+    }
+    let ([found, wrong], [untracked, untracked_wrong]) = (tracked, searched);
+    assert!(found >= untracked, "tracked {found} of 30, searched {untracked}");
+    assert!(wrong <= untracked_wrong, "wrong: tracked {wrong}, searched {untracked_wrong}");
 }
 
 #[test]

@@ -1,10 +1,12 @@
-//! Frames searched as they come, and what is known of them shared with those who look.
+//! Frames tracked as they come, and what is known of them shared with those who look.
 //!
 //! In: the newest frame, the models and the threshold of the moment. Out: one
-//! [`Outcome`] a searched frame, at once, to the caller; and the same with its picture
-//! to the painter, which encodes it for the page in a thread of its own.
+//! [`Outcome`] a frame, at once, to the caller; and the same with its picture to the
+//! painter, which encodes it for the page in a thread of its own. While somebody wants
+//! corners and triangles every frame is searched: frames that are only followed have
+//! none.
 //!
-//! Memory: one frame waiting on each side. Cost: a search a frame.
+//! Memory: one frame waiting on each side. Cost: that of the tracker.
 
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -22,9 +24,10 @@ use super::damage::Damage;
 use super::models::Models;
 use super::shot::{Shot, Work};
 use super::slot::Slot;
-use super::tracker::{Look, State, Tracked, Tracker};
+use super::tracker::{State, states};
 use crate::report::frame_line;
-use crate::search::Profile;
+use crate::search::{Found, Profile, Request};
+use crate::trail::Trail;
 
 /// Frames that the frame rate is the mean of.
 const RATE_FRAMES: usize = 30;
@@ -36,11 +39,11 @@ pub struct Live {
     pub frames: Slot<Captured>,
     /// Frames that came damaged.
     pub damage: Damage,
-    /// Searched frames on their way to the page.
+    /// Tracked frames on their way to the page.
     pub work: Slot<Work>,
     /// The models in use.
     pub models: Models,
-    /// The newest searched frame.
+    /// The newest tracked frame.
     pub shots: watch::Sender<Option<Arc<Shot>>>,
     /// What the source is called.
     pub source: String,
@@ -53,7 +56,7 @@ pub struct Live {
 }
 
 impl Live {
-    /// Nothing searched yet.
+    /// Nothing tracked yet.
     #[must_use]
     pub fn new(source: String, models: Models, threshold: f32) -> Self {
         Self {
@@ -122,38 +125,42 @@ pub struct Outcome {
     pub objects: Vec<(String, State, Option<f32>)>,
 }
 
-/// Searches frames until the slot is closed, or `each` returns false.
+/// What a frame is the next one of: the models' generation, the frame's size and the
+/// threshold. When one of them changes, what was found before says nothing.
+type Sequence = (u64, (u32, u32), u32);
+
+/// Tracks objects through the frames until the slot is closed, or `each` returns false.
 ///
 /// # Errors
 /// What `each` returned.
 pub fn search_frames(live: &Live, profile: Profile, mut each: impl FnMut(&Outcome) -> Result<bool>) -> Result<()> {
     let mut rate = Rate::default();
+    let mut trail = Trail::default();
     loop {
         let merged = live.models.merged();
         // Parsed once a change of models, not once a frame: it reads all of it.
         let model = merged.bytes.as_ref().and_then(|b| Model::parse(b).ok());
-        let mut tracker = Tracker::new(model.map_or(0, |m| m.objects()));
         while live.models.generation() == merged.generation {
             let Some(captured) = live.frames.take() else { return Ok(()) };
             let details = live.is_watched() && live.wants_details();
-            let look = Look { profile, threshold: live.threshold(), details };
-            let tracked = match look_at(&captured, model.as_ref(), &mut tracker, &look) {
-                Ok(tracked) => tracked,
+            let request = Request { details, ..Request::new(profile, live.threshold()) };
+            let found = match look_at(&captured, model.as_ref(), merged.generation, &mut trail, &request) {
+                Ok(found) => found,
                 Err(error) => {
                     tracing::error!("{}, frame {}: {error:#}", live.source, captured.number);
                     continue;
                 }
             };
             let fps = rate.tick(Instant::now());
-            let mut outcome = outcome(live, &captured, model.as_ref(), tracked.as_ref());
+            let mut outcome = outcome(live, &captured, model.as_ref(), found.as_ref());
             outcome.line["fps"] = json!((fps * 100.0).round() / 100.0);
             outcome.line["dropped"] = json!(live.frames.dropped());
             outcome.line["damaged"] = json!(live.damage.count());
             outcome.line["age_ms"] = json!(captured.at.elapsed().as_millis());
             outcome.line["models"] = json!(merged.generation);
-            outcome.line["threshold"] = json!(f64::from((look.threshold * 1000.0).round()) / 1000.0);
+            outcome.line["threshold"] = json!(f64::from((request.threshold * 1000.0).round()) / 1000.0);
             let go_on = each(&outcome)?;
-            let details = tracked.filter(|_| details).map(|t| t.found);
+            let details = found.filter(|_| details);
             live.work.put(Work { captured, line: outcome.line, details, watched: live.is_watched() });
             if !go_on {
                 return Ok(());
@@ -167,40 +174,40 @@ pub fn search_frames(live: &Live, profile: Profile, mut each: impl FnMut(&Outcom
 fn look_at(
     captured: &Captured,
     model: Option<&Model<'_>>,
-    tracker: &mut Tracker,
-    look: &Look,
-) -> Result<Option<Tracked>> {
+    generation: u64,
+    trail: &mut Trail<Sequence>,
+    request: &Request,
+) -> Result<Option<Found>> {
     let Some(model) = model else { return Ok(None) };
-    catch_unwind(AssertUnwindSafe(|| tracker.next(&captured.picture, model, look)))
+    let picture = &captured.picture;
+    let sequence = (generation, (picture.width, picture.height), request.threshold.to_bits());
+    if request.details {
+        trail.search_next();
+    }
+    catch_unwind(AssertUnwindSafe(|| trail.next(sequence, picture, model, request, 0)))
         .map_err(|_| anyhow!("the search failed; please report this frame"))?
         .map(Some)
 }
 
-fn outcome(live: &Live, captured: &Captured, model: Option<&Model<'_>>, tracked: Option<&Tracked>) -> Outcome {
+fn outcome(live: &Live, captured: &Captured, model: Option<&Model<'_>>, found: Option<&Found>) -> Outcome {
     let size = (captured.picture.width, captured.picture.height);
-    let (Some(model), Some(tracked)) = (model, tracked) else {
+    let (Some(model), Some(found)) = (model, found) else {
         let line = json!({
             "source": live.source, "frame": captured.number, "width": size.0, "height": size.1,
-            "detections": [], "lost": [], "stages": {}, "time_ms": {},
+            "detections": [], "lost": [], "state": "searching", "searched": false, "stages": {}, "time_ms": {},
         });
         return Outcome { line, objects: Vec::new() };
     };
-    let mut line = frame_line(&live.source, captured.number, size, model, &tracked.found, None);
-    for (i, state) in tracked.states.iter().enumerate() {
-        line["detections"][i]["state"] = json!(state.name());
-    }
+    let line = frame_line(&live.source, captured.number, size, model, found, None);
     let best = |object: usize| {
-        let scores = tracked.found.detections.iter().filter(|d| usize::from(d.object) == object).map(|d| d.score);
+        let scores = found.detections.iter().filter(|d| usize::from(d.object) == object).map(|d| d.score);
         scores.reduce(f32::max)
     };
-    let objects = tracked.objects.iter().enumerate();
-    let objects: Vec<_> = objects.map(|(i, &state)| (model.object(i).name.to_string(), state, best(i))).collect();
-    let lost = objects.iter().filter(|o| o.1 == State::Lost).map(|o| json!({"object": o.0, "state": "lost"}));
-    line["lost"] = lost.collect();
-    Outcome { line, objects }
+    let states = states(model.objects(), found).into_iter().enumerate();
+    Outcome { line, objects: states.map(|(i, state)| (model.object(i).name.to_string(), state, best(i))).collect() }
 }
 
-/// Encodes searched frames for the page until the slot is closed.
+/// Encodes tracked frames for the page until the slot is closed.
 pub fn paint(live: &Live) {
     while let Some(work) = live.work.take() {
         let frame = work.captured.number;

@@ -197,10 +197,9 @@ struct Diary(Vec<(String, State)>);
 
 impl Diary {
     fn note(&mut self, outcome: &Outcome) {
-        let shown = |state: State| matches!(state, State::Found | State::Tracked);
         for (i, (name, state, score)) in outcome.objects.iter().enumerate() {
             let before = self.0.get(i).filter(|b| b.0 == *name).map_or(State::Searching, |b| b.1);
-            match (shown(before), shown(*state)) {
+            match (before.is_seen(), state.is_seen()) {
                 (false, true) => tracing::info!("{name} found, score {:.2}", score.unwrap_or(0.0)),
                 (true, false) => tracing::info!("{name} lost"),
                 _ => {}

@@ -1,32 +1,25 @@
-//! From frame to frame: what is found, and what was.
+//! How the objects of the models stand: the states that a broker and the log are told.
 //!
-//! In: a frame and a model. Out: detections, each with a state, and the objects that
-//! were seen a moment ago and are not now. Each frame is searched anew; a tracker of
-//! poses takes its place in [`Tracker::next`] and nowhere else.
+//! In: what a tracker says of the instances in a frame. Out: a state an object, that of
+//! its instance that is known best.
 //!
-//! Memory: two numbers an object. Cost: a search.
+//! Memory: a byte an object. Cost: none to speak of.
 
-use anyhow::Result;
-use keygraph_core::model::Model;
+use keygraph_core::track;
 
-use crate::input::Picture;
-use crate::search::{Found, Profile, search};
+use crate::search::Found;
 
-/// Frames after the last detection during which an object counts as lost; then it is
-/// searched like one that never was there.
-const LOST_FRAMES: u64 = 30;
-
-/// What is known of an object or a detection.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// How an object stands; of several instances the greatest counts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum State {
     /// Not seen lately.
     Searching,
-    /// Found by a search of this frame.
-    Found,
-    /// Followed from the frame before.
-    Tracked,
     /// Seen a moment ago, not now.
     Lost,
+    /// Found by a search of this frame.
+    Found,
+    /// Seen in the frame before too.
+    Tracked,
 }
 
 impl State {
@@ -35,88 +28,67 @@ impl State {
     pub const fn name(self) -> &'static str {
         match self {
             Self::Searching => "searching",
-            Self::Found => "found",
-            Self::Tracked => "tracked",
-            Self::Lost => "lost",
+            Self::Lost => track::State::Lost.name(),
+            Self::Found => track::State::Found.name(),
+            Self::Tracked => track::State::Tracked.name(),
         }
     }
-}
 
-/// How frames are looked at.
-#[derive(Clone, Copy, Debug)]
-pub struct Look {
-    /// Size of the detector.
-    pub profile: Profile,
-    /// Least score of a detection.
-    pub threshold: f32,
-    /// Whether corners and triangles are wanted too.
-    pub details: bool,
-}
-
-/// What is known after a frame.
-#[derive(Debug)]
-pub struct Tracked {
-    /// The detections of this frame, best score first, and how they came about.
-    pub found: Found,
-    /// The state of each detection.
-    pub states: Vec<State>,
-    /// The state of each object of the model.
-    pub objects: Vec<State>,
-}
-
-/// Carries what is known from frame to frame, for one model.
-#[derive(Debug)]
-pub struct Tracker {
-    frame: u64,
-    /// The last frame that showed each object.
-    seen: Vec<Option<u64>>,
-}
-
-impl Tracker {
-    /// Knows nothing yet of `objects` objects.
+    /// Whether it is in this frame.
     #[must_use]
-    pub fn new(objects: usize) -> Self {
-        Self { frame: 0, seen: vec![None; objects] }
+    pub const fn is_seen(self) -> bool {
+        matches!(self, Self::Found | Self::Tracked)
     }
+}
 
-    /// Looks at the next frame.
-    ///
-    /// # Errors
-    /// When the picture is too small.
-    pub fn next(&mut self, picture: &Picture, model: &Model<'_>, look: &Look) -> Result<Tracked> {
-        let found = search(picture, model, look.profile, look.threshold, look.details, 0)?;
-        let states = vec![State::Found; found.detections.len()];
-        let objects = self.note(found.detections.iter().map(|d| usize::from(d.object)));
-        Ok(Tracked { found, states, objects })
-    }
-
-    /// Notes the objects of one frame and returns the state of all.
-    fn note(&mut self, shown: impl Iterator<Item = usize>) -> Vec<State> {
-        self.frame += 1;
-        for object in shown {
-            self.seen[object] = Some(self.frame);
+impl From<track::State> for State {
+    fn from(state: track::State) -> Self {
+        match state {
+            track::State::Found => Self::Found,
+            track::State::Tracked => Self::Tracked,
+            track::State::Lost => Self::Lost,
         }
-        let state = |seen: &Option<u64>| match seen.map(|at| self.frame - at) {
-            Some(0) => State::Found,
-            Some(ago) if ago <= LOST_FRAMES => State::Lost,
-            _ => State::Searching,
-        };
-        self.seen.iter().map(state).collect()
     }
+}
+
+/// The states of the model's objects after a frame that was tracked.
+#[must_use]
+pub fn states(objects: usize, found: &Found) -> Vec<State> {
+    let mut states = vec![State::Searching; objects];
+    let mut note = |object: u16, state: track::State| {
+        if let Some(s) = states.get_mut(usize::from(object)) {
+            *s = State::from(state).max(*s);
+        }
+    };
+    if let Some(tracking) = &found.tracking {
+        found.detections.iter().zip(&tracking.seen).for_each(|(d, (_, state))| note(d.object, *state));
+        tracking.lost.iter().for_each(|t| note(t.detection.object, t.state));
+    }
+    states
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::search::Tracking;
+    use keygraph_core::align::Appearance;
+    use keygraph_core::detect::{Detection, Stats};
+    use keygraph_core::geometry::Homography;
 
     #[test]
-    fn objects_are_found_lost_and_searched_again() {
-        let mut tracker = Tracker::new(2);
-        assert_eq!(tracker.note([].into_iter()), [State::Searching; 2]);
-        assert_eq!(tracker.note([1].into_iter()), [State::Searching, State::Found]);
-        for _ in 0..LOST_FRAMES {
-            assert_eq!(tracker.note([].into_iter()), [State::Searching, State::Lost]);
-        }
-        assert_eq!(tracker.note([0].into_iter()), [State::Found, State::Searching]);
+    fn the_instance_that_is_known_best_speaks_for_the_object() {
+        let of = |object: u16| Detection {
+            object,
+            homography: Homography::IDENTITY,
+            corners: [[0.0; 2]; 4],
+            score: 0.9,
+            votes: 0,
+            agreeing: 0,
+            appearance: Appearance::default(),
+        };
+        let seen = vec![(4, track::State::Tracked), (7, track::State::Found), (8, track::State::Found)];
+        let mut found = Found::new(vec![of(2), of(2), of(0)], Stats::default());
+        found.tracking = Some(Tracking { seen, lost: Vec::new(), searched: true });
+        assert_eq!(states(3, &found), [State::Found, State::Searching, State::Tracked]);
     }
 }
