@@ -12,15 +12,15 @@ use core::mem::size_of;
 
 use heapless::{Vec, VecView};
 
-use crate::align::{Appearance, appearance, is_plausible, refine};
+use crate::align::{appearance, is_plausible, refine};
 use crate::capacity::{CANDIDATES, DETECTIONS, FEATURE_BYTES, LEVELS, Stage, StageStats, chroma_bytes, luma_bytes};
 use crate::classify::{Match, NEIGHBOURS, classify};
 use crate::corners::{Corner, SCRATCH_ROWS, detect_corners, rank_by_radius, rank_by_strength};
 use crate::delaunay::{Triangulation, Triple, triangulate};
-use crate::evidence::{Agreement, overlap, score};
+use crate::detection::{Agreement, score};
 use crate::feature::{Feature, FeatureKind, extract};
 use crate::frame::{Frame, FrameError};
-use crate::geometry::{Homography, Point};
+use crate::geometry::Point;
 use crate::keygraph::{Keygraph, collect_keygraphs};
 use crate::math;
 use crate::method::{Parameters, Ranking};
@@ -30,30 +30,12 @@ use crate::pyramid::{Plane, Pyramid, PyramidView, to_level0};
 use crate::verify::likeness;
 use crate::vote::{Bin, Candidate, Vote, cast, vote};
 
+pub use crate::detection::Detection;
+
 /// Detections below this score are not reported unless the caller asks for them. Of
 /// the candidates that the score was fitted to, 513 of 515 right ones lie above it and
 /// none of the 6,175 wrong ones.
 pub const DEFAULT_THRESHOLD: f32 = 0.6;
-
-/// One instance of an object in a frame.
-#[derive(Clone, Copy, Debug)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Detection {
-    /// Index of the object in the model.
-    pub object: u16,
-    /// Picture px to frame px, last element 1.
-    pub homography: Homography,
-    /// Images of the picture's corners `(0,0) (w,0) (w,h) (0,h)`, frame px.
-    pub corners: [[f32; 2]; 4],
-    /// Estimate of the probability that the detection is right, 0 to 1.
-    pub score: f32,
-    /// Keygraphs whose three vertices agree with the pose.
-    pub votes: u16,
-    /// Distinct frame corners that agree with the pose.
-    pub agreeing: u16,
-    /// How the frame looks there.
-    pub appearance: Appearance,
-}
 
 /// What the stages did with one frame.
 #[derive(Clone, Copy, Debug, Default)]
@@ -730,27 +712,6 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
         let stats = stage(&mut self.stats, Stage::Accept);
         stats.dropped += u32::from(full);
         stats.kept = count(self.detections.len());
-    }
-}
-
-impl Detection {
-    /// A pose without evidence.
-    pub(crate) fn at(model: &Model<'_>, object: u16, homography: &Homography) -> Self {
-        let o = model.object(usize::from(object));
-        Self {
-            object,
-            homography: *homography,
-            corners: homography.outline(o.width as f32, o.height as f32),
-            score: 0.0,
-            votes: 0,
-            agreeing: 0,
-            appearance: Appearance::default(),
-        }
-    }
-
-    /// Whether it stands for the same instance as `other`.
-    pub(crate) fn is_twin(&self, other: &Self) -> bool {
-        self.object == other.object && overlap(&self.corners, &other.corners)
     }
 }
 

@@ -105,7 +105,7 @@ pub mod pose;
 pub mod align;
 pub mod method;
 pub mod train;
-mod evidence;
+pub mod detection;
 pub mod detect;
 pub mod digest;
 pub mod track;

@@ -1,15 +1,56 @@
-//! What speaks for a detection: votes that agree with it, how it looks, and the score that
-//! comes of them; and whether two detections are of one instance.
+//! One instance of an object in a frame, and what speaks for it: votes that agree with it,
+//! how it looks, and the score that comes of them.
 //!
 //! In: a detection and the votes. Out: a probability. Memory: none. Cost: three points
 //! mapped for each vote; 72 points for each pair of outlines.
 
-use crate::detect::Detection;
+use crate::align::Appearance;
 use crate::geometry::{Homography, area, contains};
 use crate::math;
 use crate::model::Model;
 use crate::pose::{AGREEMENT, CORNER_NOISE_PX};
 use crate::vote::Vote;
+
+/// One instance of an object in a frame.
+#[derive(Clone, Copy, Debug)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Detection {
+    /// Index of the object in the model.
+    pub object: u16,
+    /// Picture px to frame px, last element 1.
+    pub homography: Homography,
+    /// Images of the picture's corners `(0,0) (w,0) (w,h) (0,h)`, frame px.
+    pub corners: [[f32; 2]; 4],
+    /// Estimate of the probability that the detection is right, 0 to 1.
+    pub score: f32,
+    /// Keygraphs whose three vertices agree with the pose.
+    pub votes: u16,
+    /// Distinct frame corners that agree with the pose.
+    pub agreeing: u16,
+    /// How the frame looks there.
+    pub appearance: Appearance,
+}
+
+impl Detection {
+    /// A pose without evidence.
+    pub(crate) fn at(model: &Model<'_>, object: u16, homography: &Homography) -> Self {
+        let o = model.object(usize::from(object));
+        Self {
+            object,
+            homography: *homography,
+            corners: homography.outline(o.width as f32, o.height as f32),
+            score: 0.0,
+            votes: 0,
+            agreeing: 0,
+            appearance: Appearance::default(),
+        }
+    }
+
+    /// Whether it stands for the same instance as `other`.
+    pub(crate) fn is_twin(&self, other: &Self) -> bool {
+        self.object == other.object && overlap(&self.corners, &other.corners)
+    }
+}
 
 /// Whether votes agree with a pose.
 pub(crate) struct Agreement {
@@ -73,7 +114,6 @@ pub(crate) fn overlap(a: &[[f32; 2]; 4], b: &[[f32; 2]; 4]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::align::Appearance;
 
     #[test]
     fn outlines_of_one_instance_overlap() {
