@@ -94,7 +94,7 @@ fn grown(was: &Value, is: &Value, wider: u64) -> Vec<String> {
             continue;
         };
         let percent = wider * if stage == "total" { TOTAL_MARGIN } else { STAGE_MARGIN };
-        let margin = (before * percent / 100).max(if stage == "total" { 0 } else { STAGE_FLOOR });
+        let margin = (before * percent / 100).max(if stage == "total" { 0 } else { wider * STAGE_FLOOR });
         if now > before + margin {
             let by = 100.0 * (now as f64 / before as f64 - 1.0);
             lines.push(format!(
