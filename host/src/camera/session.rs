@@ -6,12 +6,13 @@
 //!
 //! Memory: that of the threads. Cost: none of its own.
 
+use std::io;
 use std::net::{SocketAddr, TcpListener};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 
 use anyhow::{Context, Result};
-use tokio::signal::unix::{SignalKind, signal};
+use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::watch;
 
 use super::FAREWELL;
@@ -145,11 +146,16 @@ fn serve(
     outlet: Option<Outlet>,
     mut stopped: watch::Receiver<bool>,
 ) -> Result<thread::JoinHandle<()>> {
-    let page = page.map(listen).transpose()?;
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    // Before anybody can know of us: from then on a signal must end us cleanly.
+    let signals = {
+        let _inside = runtime.enter();
+        signal(SignalKind::interrupt()).and_then(|i| Ok((i, signal(SignalKind::terminate())?)))
+    };
+    let page = page.map(listen).transpose()?;
     let live = Arc::clone(live);
     let served = async move {
-        tokio::spawn(close_on_signal(Arc::clone(&live)));
+        tokio::spawn(close_on_signal(signals, Arc::clone(&live)));
         let publishing = outlet.map(|outlet| tokio::spawn(mqtt::publish(outlet, stopped.clone())));
         if let Some((listener, guard, school)) = page
             && let Err(error) = web::serve(listener, guard, school, live, stopped.clone()).await
@@ -185,9 +191,8 @@ fn listen(page: Page) -> Result<(TcpListener, Guard, School)> {
 
 /// The first signal ends the source, and with it all else in turn; the second, all at
 /// once.
-async fn close_on_signal(live: Arc<Live>) {
-    let signals = (signal(SignalKind::interrupt()), signal(SignalKind::terminate()));
-    let (Ok(mut interrupt), Ok(mut terminate)) = signals else {
+async fn close_on_signal(signals: io::Result<(Signal, Signal)>, live: Arc<Live>) {
+    let Ok((mut interrupt, mut terminate)) = signals else {
         return tracing::warn!("signals cannot be waited for: they end the program at once");
     };
     for last in [false, true] {
