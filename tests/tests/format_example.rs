@@ -71,18 +71,18 @@ fn the_example_parses() {
     assert!(Model::parse(&bytes).is_ok(), "{:?}", Model::parse(&bytes).err());
     assert_eq!(
         Model::parse(&bytes[..bytes.len() - 1]).unwrap_err(),
-        ModelError::Truncated { expected: 3774, given: 3773 }
+        ModelError::Truncated { expected: 3773, given: 3772 }
     );
 }
 
 #[test]
 fn the_header_and_counts_are_the_page_s() {
     let bytes = example();
-    assert_eq!((&bytes[..4], VERSION), (&MAGIC[..], 3));
+    assert_eq!((&bytes[..4], VERSION), (&MAGIC[..], 4));
     let model = Model::parse(&bytes).unwrap();
     assert_eq!((model.method(), model.feature()), (Method::Keygraph, FeatureKind::Luma));
     assert_eq!((model.objects(), model.views(), model.keypoints(), model.keygraphs()), (1, 1, 3, 1));
-    assert_eq!(model.bytes().len(), 3774);
+    assert_eq!(model.bytes().len(), 3773);
 }
 
 #[test]
