@@ -89,6 +89,84 @@ impl Stage {
     }
 }
 
+/// The buffers of a detector that grow with its profile.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Buffer {
+    /// Pyramid of luma, bytes.
+    Luma,
+    /// Pyramids of both chroma planes, bytes.
+    Chroma,
+    /// Rows that corners are computed in, numbers.
+    CornerRows,
+    /// Candidates for corners on a level.
+    Corners,
+    /// Corners of all levels.
+    Keypoints,
+    /// Points that are triangulated together.
+    Triangulation,
+    /// Triangles of a level.
+    Triples,
+    /// Keygraphs of all levels.
+    Keygraphs,
+    /// Features of all keygraphs.
+    Features,
+    /// Matches that vote.
+    Votes,
+    /// Bins that votes fall into.
+    Bins,
+    /// Vertex pairs near a candidate.
+    Pairs,
+}
+
+impl Buffer {
+    /// How many there are.
+    pub const COUNT: usize = 12;
+
+    /// All buffers, in the order in which a frame fills them.
+    pub const ALL: [Self; Self::COUNT] = [
+        Self::Luma,
+        Self::Chroma,
+        Self::CornerRows,
+        Self::Corners,
+        Self::Keypoints,
+        Self::Triangulation,
+        Self::Triples,
+        Self::Keygraphs,
+        Self::Features,
+        Self::Votes,
+        Self::Bins,
+        Self::Pairs,
+    ];
+
+    /// The name used in reports and JSON.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Luma => "luma",
+            Self::Chroma => "chroma",
+            Self::CornerRows => "corner rows",
+            Self::Corners => "corners",
+            Self::Keypoints => "keypoints",
+            Self::Triangulation => "triangulation",
+            Self::Triples => "triples",
+            Self::Keygraphs => "keygraphs",
+            Self::Features => "features",
+            Self::Votes => "votes",
+            Self::Bins => "bins of votes",
+            Self::Pairs => "vertex pairs",
+        }
+    }
+}
+
+/// What one buffer takes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Room {
+    /// Bytes of memory.
+    pub bytes: usize,
+    /// Elements that fit.
+    pub capacity: usize,
+}
+
 /// Levels of the image pyramid: full size down to an eighth.
 pub const LEVELS: usize = 4;
 

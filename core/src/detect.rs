@@ -13,29 +13,30 @@ use core::mem::size_of;
 use heapless::{Vec, VecView};
 
 use crate::align::{appearance, is_plausible, refine};
-use crate::capacity::{CANDIDATES, DETECTIONS, FEATURE_BYTES, LEVELS, Stage, StageStats, chroma_bytes, luma_bytes};
+use crate::capacity::{
+    Buffer, CANDIDATES, DETECTIONS, FEATURE_BYTES, LEVELS, Room, Stage, StageStats, chroma_bytes, luma_bytes,
+};
 use crate::classify::{Match, NEIGHBOURS, classify};
 use crate::corners::{Corner, SCRATCH_ROWS, detect_corners, rank_by_radius, rank_by_strength};
 use crate::delaunay::{Triangulation, Triple, triangulate};
 use crate::detection::{Agreement, score};
 use crate::feature::{Feature, FeatureKind, extract};
 use crate::frame::{Frame, FrameError};
-use crate::geometry::Point;
+use crate::geometry::{Homography, Point};
 use crate::keygraph::{Keygraph, collect_keygraphs};
 use crate::math;
 use crate::method::{Parameters, Ranking};
 use crate::model::{Model, Object, View};
-use crate::pose::{MAX_CORNERS, Normalised, Pair, SHAPES, collect_pairs, count_agreeing, grow};
+use crate::pose::{MAX_CORNERS, Normalised, PRIORS, Pair, Prior, collect_pairs, count_agreeing, grow, start};
 use crate::pyramid::{Plane, Pyramid, PyramidView, to_level0};
 use crate::verify::likeness;
 use crate::vote::{Bin, Candidate, Vote, cast, vote};
 
 pub use crate::detection::Detection;
 
-/// Detections below this score are not reported unless the caller asks for them. Of
-/// the candidates that the score was fitted to, 513 of 515 right ones lie above it and
-/// none of the 6,175 wrong ones.
-pub const DEFAULT_THRESHOLD: f32 = 0.6;
+/// Detections below this score are not reported unless the caller asks for them: the score
+/// is a probability, and the wrong ones above it are counted in the README.
+pub const DEFAULT_THRESHOLD: f32 = 0.5;
 
 /// What the stages did with one frame.
 #[derive(Clone, Copy, Debug, Default)]
@@ -263,20 +264,20 @@ impl<
     /// Most pixels of a frame.
     pub const MAX_PIXELS: usize = LUMA / 85 * 64;
 
-    /// Bytes of the buffers, by what they hold; the rest of a detector is under 1 KB.
-    pub const BUFFERS: [(&'static str, usize); 12] = [
-        ("luma", LUMA),
-        ("chroma", 2 * CHROMA),
-        ("corner rows", size_of::<[[f32; SIDE]; SCRATCH_ROWS]>()),
-        ("corners", size_of::<Vec<Corner, CORNERS>>()),
-        ("keypoints", size_of::<Vec<Point, CORNERS>>()),
-        ("triangulation", size_of::<Triangulation<POINTS>>()),
-        ("triples", size_of::<Vec<Triple, KEYGRAPHS>>()),
-        ("keygraphs", size_of::<Vec<Keygraph, KEYGRAPHS>>()),
-        ("features", size_of::<[Feature; KEYGRAPHS]>()),
-        ("votes", size_of::<Vec<Vote, KEYGRAPHS>>()),
-        ("bins of votes", size_of::<[Bin; BINS]>()),
-        ("vertex pairs", size_of::<Vec<Pair, KEYGRAPHS>>()),
+    /// The buffers, in the order of [`Buffer::ALL`]; the rest of a detector is under 1 KB.
+    pub const BUFFERS: [Room; Buffer::COUNT] = [
+        Room { bytes: LUMA, capacity: LUMA },
+        Room { bytes: 2 * CHROMA, capacity: 2 * CHROMA },
+        Room { bytes: size_of::<[[f32; SIDE]; SCRATCH_ROWS]>(), capacity: SIDE * SCRATCH_ROWS },
+        Room { bytes: size_of::<Vec<Corner, CORNERS>>(), capacity: CORNERS },
+        Room { bytes: size_of::<Vec<Point, CORNERS>>(), capacity: CORNERS },
+        Room { bytes: size_of::<Triangulation<POINTS>>(), capacity: POINTS },
+        Room { bytes: size_of::<Vec<Triple, KEYGRAPHS>>(), capacity: KEYGRAPHS },
+        Room { bytes: size_of::<Vec<Keygraph, KEYGRAPHS>>(), capacity: KEYGRAPHS },
+        Room { bytes: size_of::<[Feature; KEYGRAPHS]>(), capacity: KEYGRAPHS },
+        Room { bytes: size_of::<Vec<Vote, KEYGRAPHS>>(), capacity: KEYGRAPHS },
+        Room { bytes: size_of::<[Bin; BINS]>(), capacity: BINS },
+        Room { bytes: size_of::<Vec<Pair, KEYGRAPHS>>(), capacity: KEYGRAPHS },
     ];
 
     /// An idle detector, all zero.
@@ -365,6 +366,13 @@ impl<
         &self.stages.stats
     }
 
+    /// Most elements that each buffer held while the last frame was searched, in the order
+    /// of [`Buffer::ALL`].
+    #[must_use]
+    pub const fn high_water(&self) -> &[u32; Buffer::COUNT] {
+        &self.stages.high_water
+    }
+
     /// The corners of the last frame, frame px.
     pub fn corners(&self) -> impl Iterator<Item = [f32; 2]> + '_ {
         let s = &self.stages;
@@ -421,6 +429,7 @@ struct Stages<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, cons
     pairs: Vec<Pair, KEYGRAPHS>,
     detections: Vec<Detection, DETECTIONS>,
     stats: Stats,
+    high_water: [u32; Buffer::COUNT],
 }
 
 impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAPHS: usize, const BINS: usize>
@@ -448,17 +457,25 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
             pairs: Vec::new(),
             detections: Vec::new(),
             stats: Stats::EMPTY,
+            high_water: [0; Buffer::COUNT],
         }
     }
 
     /// Forgets the frame before.
     fn clear(&mut self) {
         self.stats = Stats::default();
+        self.high_water = [0; Buffer::COUNT];
         self.detections.clear();
         self.points.clear();
         self.ends = [0; LEVELS];
         self.keygraphs.clear();
         self.votes.clear();
+    }
+
+    /// Notes that a buffer holds so many elements.
+    fn mark(&mut self, buffer: Buffer, held: usize) {
+        let most = &mut self.high_water[buffer as usize];
+        *most = (*most).max(count(held));
     }
 
     fn vertices(&self, k: &Keygraph) -> [(u16, [f32; 2]); 3] {
@@ -486,6 +503,12 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
         self.pyramid.load(frame)?;
         laps.end(&mut self.stats, Output::Planes(self.pyramid.view()));
         self.pyramid.reduce();
+        let view = self.pyramid.view();
+        let luma = (0..LEVELS).map(|l| view.luma(l).width() * view.luma(l).height()).sum();
+        let chroma = (0..LEVELS).flat_map(|l| view.chroma(l)).map(|c| c.width() * c.height()).sum();
+        self.mark(Buffer::Luma, luma);
+        self.mark(Buffer::Chroma, chroma);
+        self.mark(Buffer::CornerRows, SCRATCH_ROWS * frame.width());
         laps.end(&mut self.stats, Output::Levels(self.pyramid.view()));
 
         for level in 0..LEVELS {
@@ -511,14 +534,16 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
         let candidates = &mut self.candidates;
         *stage(&mut self.stats, Stage::Vote) = vote(&self.votes, &rules.voting, &mut self.bins, candidates);
         candidates.truncate(rules.candidates);
+        let bins = self.bins.iter().filter(|b| !b.is_free()).count();
         laps.end(&mut self.stats, Output::Candidates(candidates));
+        self.mark(Buffer::Bins, bins);
         for i in 0..self.candidates.len() {
             let candidate = self.candidates[i];
             if rules.grow {
-                let map = self.find_pairs(model, &candidate);
+                let (map, start) = self.find_pairs(model, &candidate);
                 let mut best: Option<Detection> = None;
-                for shape in SHAPES {
-                    let grown = self.grow(model, &candidate, &map, shape);
+                for prior in PRIORS {
+                    let grown = self.grow(model, candidate.object, &map, &start, prior);
                     laps.end(&mut self.stats, Output::Grown(grown.as_ref()));
                     let aligned = grown.map(|d| self.align(model, d));
                     laps.end(&mut self.stats, Output::Aligned(aligned.as_ref()));
@@ -562,6 +587,8 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
         let luma = self.pyramid.view().luma(level);
         if luma.width().min(luma.height()) >= 8 {
             let mut stats = finder.keypoints(luma, level, &mut self.corners);
+            self.mark(Buffer::Corners, CORNERS.min(stats.seen as usize).max(self.corners.len()));
+            self.mark(Buffer::Triangulation, self.corners.len());
             let room = self.points.capacity() - self.points.len();
             let lost = self.corners.len().saturating_sub(room);
             // As many as fit.
@@ -570,6 +597,7 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
             stats.dropped += count(lost);
             add(stage(&mut self.stats, Stage::Corners), stats);
         }
+        self.mark(Buffer::Keypoints, self.points.len());
         self.ends[level] = u16::try_from(self.points.len()).unwrap_or(u16::MAX);
     }
 
@@ -578,6 +606,7 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
         self.triples.clear();
         let points = &self.points[self.range(level)];
         let stats = finder.triples(points, &mut self.triples);
+        self.mark(Buffer::Triples, self.triples.len());
         add(stage(&mut self.stats, Stage::Delaunay), stats);
     }
 
@@ -590,6 +619,8 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
         let level = u8::try_from(level).unwrap_or(0);
         let points = &self.points[range];
         let stats = collect_keygraphs(points, &self.triples, &rules.scalene, first, level, &mut self.keygraphs);
+        self.mark(Buffer::Keygraphs, self.keygraphs.len());
+        self.mark(Buffer::Features, self.keygraphs.len());
         add(stage(&mut self.stats, Stage::Keygraphs), stats);
     }
 
@@ -641,30 +672,41 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
                 Err(_) => stats.dropped += 1,
             }
         }
+        self.mark(Buffer::Votes, self.votes.len());
         add(stage(&mut self.stats, Stage::Verify), stats);
     }
 
-    /// Gathers the vertex pairs near a candidate.
+    /// Gathers the vertex pairs near a candidate; gives the coordinates that they are in, and
+    /// where to grow from.
     #[inline(never)]
-    fn find_pairs(&mut self, model: &Model<'_>, candidate: &Candidate) -> Normalised {
+    fn find_pairs(&mut self, model: &Model<'_>, candidate: &Candidate) -> (Normalised, Homography) {
         let Self { keygraphs, points, votes, pairs, .. } = self;
         let corners = |i: u16| vertices(points, &keygraphs[usize::from(i)]);
-        let (map, lost) = collect_pairs(model, candidate, votes, corners, pairs);
+        let start = start(model, candidate, votes);
+        let (map, lost) = collect_pairs(model, candidate, &start, votes, corners, pairs);
         let stats = stage(&mut self.stats, Stage::Pose);
         stats.seen += 1;
         stats.dropped += lost.dropped;
-        map
+        self.mark(Buffer::Pairs, self.pairs.len());
+        (map, start)
     }
 
     /// Grows a candidate over its pairs; `None` when that leads nowhere, or to what
     /// has been found.
     #[inline(never)]
-    fn grow(&mut self, model: &Model<'_>, candidate: &Candidate, map: &Normalised, shape: f32) -> Option<Detection> {
-        let homography = grow(candidate, map, &self.pairs, shape)?;
+    fn grow(
+        &mut self,
+        model: &Model<'_>,
+        object: u16,
+        map: &Normalised,
+        start: &Homography,
+        prior: Prior,
+    ) -> Option<Detection> {
+        let homography = grow(start, map, &self.pairs, prior)?;
         stage(&mut self.stats, Stage::Pose).kept += 1;
         let d = Detection {
             agreeing: count_agreeing(map, &self.pairs, &homography),
-            ..Detection::at(model, candidate.object, &homography)
+            ..Detection::at(model, object, &homography)
         };
         let known = self.detections.iter().any(|t| d.is_twin(t) && t.agreeing >= d.agreeing);
         (is_plausible(&d.corners, MIN_AREA_PX, MAX_RATIO) && !known).then_some(d)

@@ -49,8 +49,8 @@ pub struct Parameters {
 const KEYGRAPH: Parameters = Parameters {
     corners: CornerParams { quality_q16: 33, floor: 6_000, margin_px: 3 },
     ranking: Ranking::Radius,
-    corner_limits: [400, 200, 100, 0],
-    prefixes: &[25, 35, 50, 71, 100, 141, 200, 283, 400],
+    corner_limits: [450, 225, 100, 0],
+    prefixes: &[25, 35, 50, 71, 100, 141, 200, 283, 400, 450],
     scalene: Scalene { min_angle_deg: 8.0, min_difference_deg: 4.0, min_side_px: 8.0 },
     matching: MatchRule {
         tolerance: 8,

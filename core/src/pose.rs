@@ -39,7 +39,7 @@ pub struct Pair {
 /// Radius of agreement, in object sizes, of each step, and whether the step fits
 /// a homography.
 const STEPS: [(f32, bool); 7] =
-    [(0.25, false), (0.15, false), (0.10, false), (0.06, true), (0.04, true), (0.03, true), (0.025, true)];
+    [(0.25, false), (0.15, false), (0.10, true), (0.06, true), (0.04, true), (0.03, true), (0.025, true)];
 
 /// Agreement is never asked to be finer than this, px.
 pub const CORNER_NOISE_PX: f32 = 2.0;
@@ -97,12 +97,45 @@ impl Normalised {
     }
 }
 
+/// Where a candidate is grown from, in normalised coordinates: turned as its pose says, and
+/// squeezed as the views of the votes near it are, in the mean. A view of a tilted
+/// picture says more of an object's shape than few pairs can.
+#[must_use]
+pub fn start(model: &Model<'_>, candidate: &Candidate, votes: &[Vote]) -> Homography {
+    let pose = &candidate.pose;
+    let reach = pose.size_px() / 4.0;
+    let (mut shape, mut weight) = ([0.0; 4], 0.0);
+    for v in votes.iter().filter(|v| v.object == candidate.object) {
+        let turn = v.pose.rotation.wrapping_sub(pose.rotation).cast_signed();
+        let (dx, dy) = (v.pose.centre[0] - pose.centre[0], v.pose.centre[1] - pose.centre[1]);
+        // A bin: 20 degrees, half an octave, a quarter of the size.
+        let near =
+            turn.unsigned_abs() < 3641 && v.pose.size.abs_diff(pose.size) < 128 && dx * dx + dy * dy < reach * reach;
+        if !near {
+            continue;
+        }
+        let view = model.view(model.keygraph(v.model_keygraph as usize).0);
+        let Some(to_view) = view.to_picture.inverse() else { continue };
+        let weighed = f32::from(v.weight);
+        weight += weighed;
+        for (s, i) in shape.iter_mut().zip([0, 1, 3, 4]) {
+            *s += weighed * to_view.0[i] / (to_view.0[8] * view.scale);
+        }
+    }
+    if weight == 0.0 {
+        return pose.turn();
+    }
+    let [a, b, c, d] = shape.map(|s| s / weight);
+    pose.turn().after(&Homography::affine([a, b, 0.0, c, d, 0.0]))
+}
+
 /// Gathers in `out` the vertex pairs of the object's votes that lie near the
-/// candidate. `vertices(i)` gives the corners of frame keygraph `i`: indices and
+/// candidate's `start`. `vertices(i)` gives the corners of frame keygraph `i`: indices and
 /// level-0 positions, px.
 pub fn collect_pairs(
     model: &Model<'_>,
     candidate: &Candidate,
+    start: &Homography,
     votes: &[Vote],
     vertices: impl Fn(u16) -> [(u16, [f32; 2]); 3],
     out: &mut VecView<Pair>,
@@ -110,7 +143,6 @@ pub fn collect_pairs(
     let object = model.object(usize::from(candidate.object));
     let pose = &candidate.pose;
     let map = Normalised::new(object.width as f32, object.height as f32, pose.centre, pose.size_px());
-    let turned = pose.turn();
     let mut stats = StageStats::default();
     out.clear();
     for v in votes.iter().filter(|v| v.object == candidate.object) {
@@ -124,7 +156,7 @@ pub fn collect_pairs(
         for (from, (corner, to)) in from.iter().zip(vertices(v.frame_keygraph)) {
             let from = map.picture_unit(to_picture.apply(from.px()));
             let to = map.frame_unit(to);
-            let [x, y] = turned.apply(from);
+            let [x, y] = start.apply(from);
             if (x - to[0]) * (x - to[0]) + (y - to[1]) * (y - to[1]) < 0.35 * 0.35 {
                 stats.seen += 1;
                 match out.push(Pair { from, to, corner, weight: v.weight }) {
@@ -137,24 +169,30 @@ pub fn collect_pairs(
     (map, stats)
 }
 
-/// How strongly the candidate's shape, seen from the front, holds against what few
-/// pairs say: hardly, for a tilted object; firmly, for few pairs close together.
-pub const SHAPES: [f32; 2] = [0.0, 0.1];
+/// How firmly a fit holds to what it expects, against what few pairs say.
+#[derive(Clone, Copy, Debug)]
+pub struct Prior {
+    /// The pull towards the shape that it started from.
+    pub shape: f32,
+    /// The pull towards no perspective, for each unit of the pairs' weight.
+    pub flat: f32,
+}
 
-/// Fits a homography to `pairs`, starting at the candidate's similarity, whose
-/// shape holds as `shape` says (one of [`SHAPES`]).
-/// `None` when too few pairs agree or the fit falls apart.
+/// Hardly, for an object that is tilted; firmly, for few pairs close together.
+pub const PRIORS: [Prior; 2] = [Prior { shape: 0.0, flat: 2.5e-4 }, Prior { shape: 0.1, flat: 1e-3 }];
+
+/// Fits a homography to `pairs`, from `start` on, which holds as `prior` says (one of
+/// [`PRIORS`]). `None` when too few pairs agree or the fit falls apart.
 #[must_use]
-pub fn grow(candidate: &Candidate, map: &Normalised, pairs: &[Pair], shape: f32) -> Option<Homography> {
-    let start = candidate.pose.turn();
-    let mut h = start;
+pub fn grow(start: &Homography, map: &Normalised, pairs: &[Pair], prior: Prior) -> Option<Homography> {
+    let mut h = *start;
     let noise = CORNER_NOISE_PX * map.frame[2];
     for (radius, projective) in STEPS {
         let mut fit = Fit::new(&h, radius.max(noise));
         for p in pairs {
             fit.add(p.from, p.to, f32::from(p.weight) / 8.0);
         }
-        h = fit.step(projective, &start, shape)?;
+        h = fit.step(projective, start, prior)?;
     }
     Some(map.to_px(&h))
 }
@@ -277,11 +315,11 @@ impl Fit {
         self.weight
     }
 
-    /// The homography after the step; affine when not `projective`; its shape is
-    /// drawn to that of `prior` with the weight `pull`. `None` when
+    /// The homography after the step; affine when not `projective`; it is
+    /// drawn to the shape of `start` as `prior` says. `None` when
     /// the pairs do not determine it.
     #[must_use]
-    pub fn step(self, projective: bool, prior: &Homography, pull: f32) -> Option<Homography> {
+    pub fn step(self, projective: bool, start: &Homography, prior: Prior) -> Option<Homography> {
         if self.weight < 2.0 {
             return None;
         }
@@ -292,14 +330,14 @@ impl Fit {
         for (i, row) in normal.iter_mut().enumerate().take(n) {
             row[i] += if i < 6 { 2e-3 } else { 1e-2 } * self.weight.max(4.0) * 0.25;
         }
-        // Few pairs do not make a shape: it tends to that of the prior.
+        // Few pairs do not make a shape: it tends to that of the start.
         for i in [0, 1, 3, 4] {
-            normal[i][i] += pull;
-            normal[i][8] += pull * (prior.0[i] - self.h.0[i]);
+            normal[i][i] += prior.shape;
+            normal[i][8] += prior.shape * (start.0[i] - self.h.0[i]);
         }
         if projective {
             // The perspective terms themselves, not their change, tend to zero.
-            let pull = 4e-3 * self.weight.max(4.0) * 0.25;
+            let pull = prior.flat * self.weight.max(4.0);
             for (i, row) in normal.iter_mut().enumerate().skip(6) {
                 row[i] += pull;
                 row[8] -= pull * self.h.0[i];
@@ -369,7 +407,7 @@ mod tests {
             pairs.push(Pair { from: map.picture_unit(p), to: map.frame_unit(q), corner: i, weight: 8 });
         }
         let pose = Similarity { centre, rotation: 4400, size: 0 };
-        let g = grow(&Candidate { object: 0, pose, weight: 9 }, &map, &pairs, SHAPES[0]).unwrap();
+        let g = grow(&pose.turn(), &map, &pairs, PRIORS[0]).unwrap();
         assert!(count_agreeing(&map, &pairs, &g) >= 40);
         for (a, b) in g.outline(w, h).iter().zip(truth.outline(w, h)) {
             assert!((a[0] - b[0]).abs() < 2.0 && (a[1] - b[1]).abs() < 2.0, "{a:?} for {b:?}");

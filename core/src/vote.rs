@@ -137,6 +137,12 @@ pub struct Bin {
 impl Bin {
     /// A free bin.
     pub const FREE: Self = Self { key: 0, weight: 0, object: 0, last: 0 };
+
+    /// Whether no vote has fallen into it.
+    #[must_use]
+    pub const fn is_free(&self) -> bool {
+        self.last == 0
+    }
 }
 
 /// A pose that many matches speak for.
@@ -267,10 +273,10 @@ fn slot(bins: &mut [Bin], key: u32, object: u16) -> Option<&mut Bin> {
     let start = usize::try_from((u64::from(hash) * n as u64) >> 32).unwrap_or(0);
     let at = (0..PROBES.min(n)).map(|i| if start + i < n { start + i } else { start + i - n }).find(|&i| {
         let b = &bins[i];
-        b.last == 0 || (b.key == key && b.object == object)
+        b.is_free() || (b.key == key && b.object == object)
     })?;
     let b = &mut bins[at];
-    if b.last == 0 {
+    if b.is_free() {
         *b = Bin { key, object, ..Bin::FREE };
     }
     Some(b)

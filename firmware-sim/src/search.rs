@@ -12,9 +12,7 @@ use keygraph_core::model::Model;
 
 use crate::board::{Link, stack_bytes, ticks};
 use crate::profile::Detector;
-use crate::wire::{BUFFERS, FrameHeader, Job, Report};
-
-const _: () = assert!(Detector::BUFFERS.len() == BUFFERS, "wire::BUFFERS says how many there are");
+use crate::wire::{FrameHeader, Job, Report};
 
 /// Reads the board's clock, and makes digests if asked for.
 struct Watch {
@@ -40,7 +38,7 @@ impl Observer for Watch {
 #[inline(never)]
 pub fn search_all(detector: &mut Detector, model: &Model<'_>, job: &Job, link: &mut Link, buffer: &mut [u8]) {
     link.put(size_of::<Detector>() as u32);
-    Detector::BUFFERS.iter().for_each(|(_, bytes)| link.put(*bytes as u32));
+    Detector::BUFFERS.iter().for_each(|room| link.put(room.bytes as u32));
     while let Some(header) = link.next_frame(buffer) {
         search(detector, model, job, link, &header, &buffer[..header.bytes()]);
     }

@@ -2,7 +2,7 @@
 //!
 //! In and out: little-endian words of 32 bits. The laptop writes a [`Job`], then each
 //! frame as a [`FrameHeader`] and its bytes; the board answers with the size of its detector
-//! and of [`BUFFERS`] buffers, then with one [`Report`] a frame. Memory: none on the board. Cost: a word
+//! and of its buffers, then with one [`Report`] a frame. Memory: none on the board. Cost: a word
 //! each.
 
 use core::ffi::CStr;
@@ -18,8 +18,6 @@ use keygraph_core::heapless::Vec;
 pub const FRAMES: &CStr = c"frames.bin";
 /// File that the board writes.
 pub const RESULTS: &CStr = c"results.bin";
-/// How many buffers the board tells the sizes of.
-pub const BUFFERS: usize = 12;
 
 /// Instructions that a tick of the emulated board's clock stands for, as a fraction:
 /// one takes 16 ns, the clock counts at 25 MHz.

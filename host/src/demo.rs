@@ -4,11 +4,12 @@
 //! words, checked against the known poses of the rendered sequence.
 
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 use keygraph_core::detect::DEFAULT_THRESHOLD;
 use keygraph_core::model::Model;
+use keygraph_core::train::Trained;
 use serde_json::Value;
 
 use crate::gallery::Gallery;
@@ -33,25 +34,47 @@ pub struct Tally {
     pub wrong: usize,
 }
 
+/// Trains on the picture of one of the [`OBJECTS`]: its path, the model, what was done.
+fn learn(assets: &Path, name: &str, preset: Preset) -> Result<(PathBuf, Vec<u8>, Trained)> {
+    let path = assets.join("pictures").join(name).with_extension("jpg");
+    let (model, trained) = train(&read_picture(&path)?, name, preset, false)?;
+    Ok((path, model, trained))
+}
+
+/// The folder of frames, and one model of all [`OBJECTS`].
+///
+/// # Errors
+/// When the assets are not there.
+pub fn sample(assets: &Path, preset: Preset) -> Result<(PathBuf, Vec<u8>)> {
+    let sequence = sequence(assets)?;
+    let models = OBJECTS.iter().map(|name| Ok(learn(assets, name, preset)?.1)).collect::<Result<Vec<_>>>()?;
+    Ok((sequence, merge(&models)?))
+}
+
+/// The folder of frames under `assets`.
+fn sequence(assets: &Path) -> Result<PathBuf> {
+    let sequence = assets.join("sequence");
+    ensure!(
+        sequence.is_dir(),
+        "{} is not there: run this in the repository, or say where its assets are with --assets",
+        sequence.display()
+    );
+    Ok(sequence)
+}
+
 /// Trains on the pictures under `assets`, searches the sequence and leaves models
 /// and annotated frames under `out`. Prints as it goes.
 ///
 /// # Errors
 /// When the assets are not there, or `out` cannot be written.
 pub fn demo(assets: &Path, out: &Path) -> Result<[Tally; 2]> {
-    let sequence = assets.join("sequence");
-    ensure!(
-        sequence.is_dir(),
-        "{} is not there: run the demo in the repository, or say where its assets are with --assets",
-        sequence.display()
-    );
+    let sequence = sequence(assets)?;
     let frames = out.join("frames");
     fs::create_dir_all(&frames).with_context(|| format!("cannot make the folder {}", frames.display()))?;
 
     let mut models = Vec::new();
     for name in OBJECTS {
-        let path = assets.join("pictures").join(name).with_extension("jpg");
-        let (model, trained) = train(&read_picture(&path)?, name, Preset::Large, false)?;
+        let (path, model, trained) = learn(assets, name, Preset::Large)?;
         println!(
             "Trained {name} from {}: {} keygraphs on {} keypoints, {:.1} MB.",
             path.display(),

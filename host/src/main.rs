@@ -1,5 +1,5 @@
 //! The command line: `keygraph train`, `pack`, `inspect`, `assess`,
-//! `detect`, `camera`, `demo`.
+//! `detect`, `bench`, `camera`, `demo`.
 //!
 //! Exit status 0 when all went well, 1 when something could not be read, trained
 //! or written (what could be done is done), 2 for a wrong command line.
@@ -13,6 +13,7 @@ use anyhow::{Context, Result, bail, ensure};
 use clap::error::ErrorKind;
 use clap::{CommandFactory, Parser, Subcommand};
 use keygraph::assess::{self, Assessment, Cell, assess, frames};
+use keygraph::bench::bench;
 use keygraph::camera::arguments::{Arguments, Lesson};
 use keygraph::camera::lesson::{Learned, Plan};
 use keygraph::camera::{camera, learn_from_camera};
@@ -25,7 +26,7 @@ use keygraph::picture::{Framed, Part, read_framed};
 use keygraph::pose::{Calibration, Width, parse_intrinsics};
 use keygraph::progress::Progress;
 use keygraph::run::{Options, Searched, default_threads, run};
-use keygraph::search::{MAX_THREADS, Profile, search};
+use keygraph::search::{MAX_THREADS, Profile, Request, search};
 use keygraph::sensor::SensorFormat;
 use keygraph::{demo, report};
 use keygraph_core::camera::{Intrinsics, PlanePose};
@@ -174,6 +175,40 @@ enum Command {
         #[arg(long, value_name = "[NAME=]W", requires = "intrinsics", allow_hyphen_values = true)]
         width_mm: Vec<Width>,
     },
+    /// Tell what the search costs: time by stage, memory by buffer, one digest
+    ///
+    /// Searches the same frames again and again on one thread. Each pass must find what
+    /// the first found; the digest stands for all that every stage made, and is the same
+    /// on every machine.
+    Bench {
+        /// Model with the objects to find [default: those of the repository's sequence]
+        #[arg(short, long = "model", value_name = "MODEL.kgm", requires = "inputs")]
+        models: Vec<PathBuf>,
+        /// Pictures, folders of pictures, or video files [default: the repository's sequence]
+        #[arg(value_name = "INPUT", requires = "models")]
+        inputs: Vec<PathBuf>,
+        /// Size that frames are searched at; larger ones are scaled down
+        #[arg(long, value_enum, default_value = "vga")]
+        profile: Profile,
+        /// Passes that are timed
+        #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u16).range(1..=1000))]
+        passes: u16,
+        /// Most frames of a pass; they are held in memory
+        #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u16).range(1..))]
+        frames: u16,
+        /// Time following from frame to frame too
+        #[arg(long)]
+        track: bool,
+        /// How much the model of the repository's objects holds
+        #[arg(long, value_enum, default_value = "large", conflicts_with = "models")]
+        preset: Preset,
+        /// The repository's assets
+        #[arg(long, default_value = "assets")]
+        assets: PathBuf,
+        /// Print one JSON object
+        #[arg(long)]
+        json: bool,
+    },
     /// Find the objects of models in front of a camera, live
     ///
     /// Prints JSON lines, serves a page that shows what is seen and learns objects
@@ -280,6 +315,25 @@ fn dispatch(command: Command) -> Result<ExitCode> {
             };
             let calibration = intrinsics.map(|i| (i, width_mm));
             return detect(&models, &inputs, json, annotate.as_deref(), &options, calibration);
+        }
+        Command::Bench { models, mut inputs, profile, passes, frames, track, preset, assets, json } => {
+            let bytes = if models.is_empty() {
+                let (sequence, model) = demo::sample(&assets, preset)?;
+                inputs.push(sequence);
+                model
+            } else {
+                load(&models)?
+            };
+            let request = Request::new(profile, DEFAULT_THRESHOLD);
+            bench_all(
+                &Model::parse(&bytes)?,
+                &inputs,
+                &request,
+                usize::from(passes),
+                usize::from(frames),
+                track,
+                json,
+            )?;
         }
         Command::Camera(arguments) => camera(&arguments)?,
         Command::Demo { assets, out } => {
@@ -603,6 +657,53 @@ fn assessed(a: &Assessment) -> String {
         lines.push(format!("{head:17}  none"));
     }
     lines.join("\n")
+}
+
+fn bench_all(
+    model: &Model<'_>,
+    inputs: &[PathBuf],
+    request: &Request,
+    passes: usize,
+    frames: usize,
+    track: bool,
+    json: bool,
+) -> Result<()> {
+    let pictures: Vec<Picture> =
+        Source::open(inputs)?.take(frames).map(|f| f.picture.with_context(|| f.source)).collect::<Result<_>>()?;
+    let b = bench(&pictures, model, request, passes, track)?;
+    if json {
+        return print(&report::bench_object(&b).to_string());
+    }
+    print(&format!(
+        "{} objects, {} keygraphs, {} bytes of model; {} frames, {} passes, one thread",
+        model.objects(),
+        model.keygraphs(),
+        model.bytes().len(),
+        b.frames,
+        b.passes
+    ))?;
+    print(&format!(
+        "\n{:10} {:>10} {:>10} {:>9}  a plain copy of the bytes it moves",
+        "stage", "median ms", "95 % ms", "dropped"
+    ))?;
+    for s in &b.stages {
+        let copy =
+            s.moved.zip(s.copy_ms).map_or_else(String::new, |(moved, copy)| format!("  {copy:.3} ms for {moved}"));
+        print(&format!("{:10} {:10.3} {:10.3} {:9}{copy}", s.stage.name(), s.times.median, s.times.p95, s.dropped))?;
+    }
+    print(&format!("{:10} {:10.3} {:10.3}", "total", b.total.median, b.total.p95))?;
+    if let Some(t) = &b.tracking {
+        print(&format!(
+            "{:10} {:10.3} {:10.3}  {} of {} frames",
+            "followed", t.times.median, t.times.p95, t.followed, b.frames
+        ))?;
+    }
+    print(&format!("\n{:14} {:>9} {:>9} {:>11}", "buffer", "bytes", "capacity", "high water"))?;
+    for h in &b.buffers {
+        print(&format!("{:14} {:9} {:9} {:11}", h.buffer.name(), h.room.bytes, h.room.capacity, h.high_water))?;
+    }
+    print(&format!("{:14} {:9}, all fixed when it was compiled", "the detector", b.detector_bytes))?;
+    print(&format!("\n{} detections in a pass; digest {:08x}, equal on every machine", b.detections, b.digest))
 }
 
 fn detect(

@@ -8,6 +8,7 @@ use keygraph_core::track::{State, Track};
 use serde_json::{Map, Value, json};
 
 use crate::assess::{Assessment, Row, Structure, Sweep};
+use crate::bench::{Bench, Held, StageCost, Times};
 use crate::search::Found;
 
 /// A number with `digits` decimals.
@@ -142,6 +143,34 @@ pub fn model_object(model: &Model<'_>) -> Value {
         "feature": model.feature().name(),
         "views": model.views(),
         "method": method_name(model),
+    })
+}
+
+/// What `bench --json` prints.
+#[must_use]
+pub fn bench_object(b: &Bench) -> Value {
+    let ms = |v: f64| json!((v * 1e4).round() / 1e4);
+    let times = |t: &Times| json!({"median_ms": ms(t.median), "p95_ms": ms(t.p95)});
+    let stage = |s: &StageCost| {
+        let mut entry = times(&s.times);
+        entry["dropped"] = json!(s.dropped);
+        if let (Some(moved), Some(copy)) = (s.moved, s.copy_ms) {
+            entry["bytes_moved"] = json!(moved);
+            entry["copy_ms"] = ms(copy);
+        }
+        (s.stage.name().to_string(), entry)
+    };
+    let buffer = |h: &Held| json!({"name": h.buffer.name(), "bytes": h.room.bytes, "capacity": h.room.capacity, "high_water": h.high_water});
+    json!({
+        "frames": b.frames,
+        "passes": b.passes,
+        "detections": b.detections,
+        "digest": format!("{:08x}", b.digest),
+        "total": times(&b.total),
+        "stages": b.stages.iter().map(stage).collect::<Map<_, _>>(),
+        "detector_bytes": b.detector_bytes,
+        "buffers": b.buffers.iter().map(buffer).collect::<Vec<_>>(),
+        "tracking": b.tracking.as_ref().map(|t| json!({"followed": t.followed, "times": times(&t.times), "searched": times(&t.searched)})),
     })
 }
 

@@ -9,6 +9,7 @@ use std::sync::{Mutex, MutexGuard};
 use std::time::Instant;
 
 use anyhow::{Context, Result};
+use keygraph_core::capacity::{Buffer, Room};
 use keygraph_core::detect::{Detection, HdDetector, Observer, Output, QqvgaDetector, QvgaDetector, Stats, VgaDetector};
 use keygraph_core::digest::Digests;
 use keygraph_core::frame::{Frame, FrameError, PixelFormat};
@@ -42,6 +43,17 @@ impl Profile {
             Self::Vga => (640, 640 * 480),
             Self::Qvga => (320, 320 * 240),
             Self::Qqvga => (160, 160 * 120),
+        }
+    }
+
+    /// Bytes of the detector, and its buffers.
+    #[must_use]
+    pub const fn memory(self) -> (usize, [Room; Buffer::COUNT]) {
+        match self {
+            Self::Hd => (size_of::<HdDetector>(), HdDetector::BUFFERS),
+            Self::Vga => (size_of::<VgaDetector>(), VgaDetector::BUFFERS),
+            Self::Qvga => (size_of::<QvgaDetector>(), QvgaDetector::BUFFERS),
+            Self::Qqvga => (size_of::<QqvgaDetector>(), QqvgaDetector::BUFFERS),
         }
     }
 }
@@ -121,6 +133,8 @@ pub struct Found {
     pub keygraphs: Vec<[[f32; 2]; 3]>,
     /// Triangles that agree with each detection, if asked for.
     pub supporters: Vec<Vec<[[f32; 2]; 3]>>,
+    /// Most elements that each of the detector's buffers held.
+    pub high_water: [u32; Buffer::COUNT],
     /// A digest of each stage's output, if asked for.
     pub digests: Option<Digests>,
     /// Which instances these are, if they were followed.
@@ -149,6 +163,7 @@ impl Found {
             corners: Vec::new(),
             keygraphs: Vec::new(),
             supporters: Vec::new(),
+            high_water: [0; Buffer::COUNT],
             digests: None,
             tracking: None,
         }
@@ -246,7 +261,7 @@ macro_rules! engine {
             fn run(&mut self, frame: &Frame<'_>, model: &Model<'_>, request: &Request) -> Result<Found, FrameError> {
                 let mut watch = Watch { start: Instant::now(), digests: request.digests.then(Digests::new) };
                 let detections = self.detect(frame, model, request.threshold, &mut watch)?.to_vec();
-                let mut found = Found { digests: watch.digests, ..Found::new(detections, *self.stats()) };
+                let mut found = Found { digests: watch.digests, high_water: *self.high_water(), ..Found::new(detections, *self.stats()) };
                 if request.details {
                     found.corners = self.corners().collect();
                     found.keygraphs = self.keygraphs().collect();

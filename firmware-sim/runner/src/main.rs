@@ -20,13 +20,13 @@ use keygraph_board::board::{Contents, Frames, Machine, Program, STACK_LIMIT, bui
 use keygraph_board::emulator::run;
 use keygraph_board::tables::Run;
 use keygraph_board::{baseline, sample};
-use keygraph_core::capacity::Stage;
+use keygraph_core::capacity::{Buffer, Stage};
 use keygraph_core::detect::{DEFAULT_THRESHOLD, Stats};
 use keygraph_core::digest::Digests;
 use keygraph_core::frame::Frame;
 use keygraph_core::model::{MAGIC, Model};
 use keygraph_firmware_sim::learn::largest;
-use keygraph_firmware_sim::wire::{BUFFERS, FrameHeader, Job, Report, instructions};
+use keygraph_firmware_sim::wire::{FrameHeader, Job, Report, instructions};
 use serde_json::{Value, json};
 
 /// Finds the objects of a model on an emulated board.
@@ -197,7 +197,7 @@ fn searched(cli: &Cli, inputs: &[PathBuf]) -> Result<(bool, Option<Run>)> {
         }
     };
     let mut sizes = || words.next().context("the board's results end early");
-    let detector = (sizes()?, (0..BUFFERS).map(|_| sizes()).collect::<Result<Vec<_>>>()?);
+    let detector = (sizes()?, (0..Buffer::COUNT).map(|_| sizes()).collect::<Result<Vec<_>>>()?);
     let mut reports = Vec::new();
     for shot in searched {
         let (report, detections) =

@@ -4,8 +4,7 @@
 
 use std::fmt::Write;
 
-use keygraph_core::capacity::Stage;
-use keygraph_core::detect::QvgaDetector;
+use keygraph_core::capacity::{Buffer, Stage};
 use keygraph_firmware_sim::wire::Report;
 
 use crate::board::{Contents, Frames, Machine, Program, STACK_LIMIT};
@@ -34,9 +33,7 @@ impl Run {
     #[must_use]
     pub fn buffers(&self) -> Vec<(&'static str, u32)> {
         let (whole, parts) = &self.detector;
-        // The names are the same for every profile.
-        let mut named: Vec<_> =
-            QvgaDetector::BUFFERS.iter().map(|(name, _)| *name).zip(parts.iter().copied()).collect();
+        let mut named: Vec<_> = Buffer::ALL.iter().map(|b| b.name()).zip(parts.iter().copied()).collect();
         named.push(("all else", whole - parts.iter().sum::<u32>()));
         named
     }
