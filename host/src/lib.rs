@@ -15,7 +15,7 @@
 //! - [`render`]: frames of pictures in poses that are known
 //! - [`heat`]: which parts of a picture carry keygraphs
 //! - [`assess`]: how well a picture will be found, before it is used
-//! - [`bench`]: what stages cost, in time and memory
+//! - [`mod@bench`]: what stages cost, in time and memory
 //! - [`report`]: results as JSON
 //! - [`run`], [`gallery`]: many frames at once, and where their pictures go
 //! - [`camera`]: live, in front of a camera
