@@ -1,4 +1,4 @@
-//! The fixed-capacity triangulation against spade.
+//! The fixed-capacity triangulation against spade and delaunator.
 //!
 //! 50, 200 and 400 points at random in a frame of 640x480 px, on the detector's
 //! grid of 1/16 px; a different set in each pass, since a processor that sees one
@@ -51,6 +51,10 @@ fn for_spade(points: &[Point]) -> Vec<Point2<f64>> {
     points.iter().map(|p| Point2::new(f64::from(p.x), f64::from(p.y))).collect()
 }
 
+fn for_delaunator(points: &[Point2<f64>]) -> Vec<delaunator::Point> {
+    points.iter().map(|p| delaunator::Point { x: p.x, y: p.y }).collect()
+}
+
 fn inserted(points: &[Point2<f64>]) -> Spade {
     let mut mesh = Spade::new();
     for &p in points {
@@ -90,6 +94,9 @@ fn check(points: &[Point], floats: &[Point2<f64>], mesh: &mut Triangulation<CAPA
     let bulk = Spade::bulk_load(floats.to_vec()).unwrap();
     assert_eq!(single, triangles_of(&bulk, points), "{n} points: bulk_load has other triangles");
     assert_eq!(single, triangles_of(&inserted(floats), points), "{n} points: insert has other triangles");
+    let other = delaunator::triangulate(&for_delaunator(floats)).triangles;
+    let other: BTreeSet<Triple> = other.chunks(3).map(|t| sorted([t[0], t[1], t[2]].map(|i| i as u16))).collect();
+    assert_eq!(single, other, "{n} points: delaunator has other triangles");
     let union: BTreeSet<Triple> = prefixes(n).flat_map(|l| triangles_of(&inserted(&floats[..l]), points)).collect();
     assert_eq!(nested, union, "{n} points: the levels have other triangles");
 }
@@ -123,6 +130,11 @@ fn bench(c: &mut Criterion) {
         group.bench_function(BenchmarkId::new("spade, bulk_load", n), |b| {
             let set = || next.next().unwrap().clone();
             b.iter_batched(set, |f| Spade::bulk_load(f).unwrap(), BatchSize::SmallInput);
+        });
+        let flat: Vec<Vec<delaunator::Point>> = floats.iter().map(|f| for_delaunator(f)).collect();
+        let mut next = flat.iter().cycle();
+        group.bench_function(BenchmarkId::new("delaunator", n), |b| {
+            b.iter(|| delaunator::triangulate(next.next().unwrap()));
         });
         let mut next = floats.iter().cycle();
         group.bench_function(BenchmarkId::new("spade, insert", n), |b| {
