@@ -16,7 +16,7 @@ use keygraph_core::model::Model;
 use keygraph_core::track::Tracker;
 
 use crate::input::Picture;
-use crate::search::{Found, Profile, Request, follow, prepare, search_for};
+use crate::search::{Found, Request, follow, prepare, search_for};
 
 /// Milliseconds of one thing over all frames; of each frame the median pass counts.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -123,8 +123,9 @@ pub fn bench(pictures: &[Picture], model: &Model<'_>, request: &Request, passes:
             ticks.iter_mut().zip(found.stats.ticks).for_each(|(stage, ns)| stage[i].push(ns));
         }
     }
+    let largest = pictures.iter().map(|p| frame_size(p, request)).max().unwrap_or_default();
     let stages = Stage::ALL.iter().zip(&mut ticks).map(|(&stage, ticks)| {
-        let moved = pictures.iter().filter_map(|p| bytes_moved(p, request.profile, stage)).max();
+        let moved = bytes_moved(largest, stage);
         StageCost {
             stage,
             times: Times::new(ticks),
@@ -179,13 +180,17 @@ fn tracked(pictures: &[Picture], model: &Model<'_>, request: &Request) -> Result
     Ok(Tracking { followed: followed.len(), times: Times::new(&mut followed), searched: Times::new(&mut searched) })
 }
 
-/// Bytes that a stage reads and writes where it looks at every pixel.
-fn bytes_moved(picture: &Picture, profile: Profile, stage: Stage) -> Option<usize> {
-    let frame = prepare(picture, profile, None);
-    let luma = frame.width * frame.height;
+/// Pixels and bytes of a picture as the detector takes it.
+fn frame_size(picture: &Picture, request: &Request) -> (usize, usize) {
+    let frame = prepare(picture, request.profile, request.format);
+    (frame.width * frame.height, frame.data.len())
+}
+
+/// Bytes that a stage reads and writes where it looks at every pixel of a frame.
+fn bytes_moved((luma, bytes): (usize, usize), stage: Stage) -> Option<usize> {
     let planes = luma + luma / 2;
     match stage {
-        Stage::Convert => Some(frame.data.len() + planes),
+        Stage::Convert => Some(bytes + planes),
         // Each level is read to make the next, a quarter of it.
         Stage::Pyramid => Some(planes * 21 / 16 + planes * 21 / 64),
         // The three levels that corners are looked for on, read.
