@@ -62,7 +62,7 @@ FOCAL = 600.0            # of the camera, px
 SUPER = 2                # supersampling of the rendering
 QUALITY = 90             # of the frames' JPEG
 FOUND = 0.10             # of the object's size
-THRESHOLD = 0.5          # the command's default score
+THRESHOLD = 0.8          # the command's default score
 
 # Every factor of a frame, and the range it is drawn from where nothing else is asked.
 PLAIN = {

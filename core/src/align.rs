@@ -40,8 +40,9 @@ pub struct Appearance {
     pub median: f32,
     /// How many blocks agree: the sum of their agreements.
     pub support: f32,
-    /// How many agree well: the sum of the squares of their agreements. Many blocks
-    /// that agree a little are what aligning makes of a wrong pose.
+    /// How many agree well: the sum of the squares of their agreements, each times the
+    /// [`roundness`] of its texture. Many blocks that agree a little, and lone edges that
+    /// agree well, are what aligning makes of a wrong pose.
     pub strong: f32,
     /// Correlation of chroma over the whole object, -1 to 1; 0 when either has
     /// too little chroma to tell.
@@ -148,9 +149,35 @@ fn level_for(h: &Homography, width: f32, height: f32) -> usize {
     usize::try_from(l).unwrap_or(0).min(LEVELS - 1)
 }
 
+/// How much the gradients of a block run both ways, 0 to 1: twice the smaller eigenvalue of
+/// their structure tensor over its trace. A block with one straight edge, 0, agrees
+/// wherever it is slid along another.
+fn roundness(luma: &Plane<'_, u8>, block: usize) -> f32 {
+    let (w, h) = (luma.width(), luma.height());
+    let range = |size: usize, b: usize| {
+        let start = |b: usize| (b * size).div_ceil(BLOCKS);
+        start(b).max(1)..start(b + 1).min(size - 1)
+    };
+    let (mut xx, mut xy, mut yy) = (0i32, 0i32, 0i32);
+    for y in range(h, block / BLOCKS) {
+        let [above, row, below] = [y - 1, y, y + 1].map(|y| luma.row(y));
+        for x in range(w, block % BLOCKS) {
+            let (gx, gy) = (i32::from(row[x + 1]) - i32::from(row[x - 1]), i32::from(below[x]) - i32::from(above[x]));
+            xx += gx * gx;
+            xy += gx * gy;
+            yy += gy * gy;
+        }
+    }
+    let (sum, difference) = ((xx + yy) as f32, (xx - yy) as f32);
+    let cross = 2.0 * xy as f32;
+    (sum - math::sqrt(difference * difference + cross * cross)).max(0.0) / sum.max(1.0)
+}
+
 /// Correlations of the blocks of a level of the template.
 struct Blocks {
     values: [f32; BLOCKS * BLOCKS],
+    /// Which block each of them is.
+    places: [u8; BLOCKS * BLOCKS],
     n: usize,
     inside: u16,
 }
@@ -178,8 +205,8 @@ impl Blocks {
             }
         }
         let full = (tw * th / (BLOCKS * BLOCKS)) as f32;
-        let mut blocks = Self { values: [0.0; BLOCKS * BLOCKS], n: 0, inside: 0 };
-        for s in &sums {
+        let mut blocks = Self { values: [0.0; BLOCKS * BLOCKS], places: [0; BLOCKS * BLOCKS], n: 0, inside: 0 };
+        for (place, s) in (0u8..).zip(&sums) {
             let (t, f, tf) = s.moments();
             if s.n < 0.6 * full {
                 continue;
@@ -188,6 +215,7 @@ impl Blocks {
             if t >= LEAST_SPREAD * LEAST_SPREAD {
                 // A flat frame block correlates with nothing.
                 blocks.values[blocks.n] = tf / math::sqrt(t * f.max(4.0));
+                blocks.places[blocks.n] = place;
                 blocks.n += 1;
             }
         }
@@ -198,8 +226,11 @@ impl Blocks {
         self.values[..self.n].iter().map(|&c| agreement(c)).sum()
     }
 
-    fn strong(&self) -> f32 {
-        self.values[..self.n].iter().map(|&c| agreement(c) * agreement(c)).sum()
+    /// `luma` is the level that they are of.
+    fn strong(&self, luma: &Plane<'_, u8>) -> f32 {
+        let blocks = self.values[..self.n].iter().zip(self.places);
+        let agreeing = blocks.map(|(&c, place)| (agreement(c), place)).filter(|&(a, _)| a > 0.0);
+        agreeing.map(|(a, place)| a * a * roundness(luma, usize::from(place))).sum()
     }
 
     fn median(&mut self) -> f32 {
@@ -238,7 +269,7 @@ pub(crate) fn appearance_of_luma(
         blocks: u16::try_from(blocks.n).unwrap_or(0),
         inside: blocks.inside,
         support: blocks.support(),
-        strong: blocks.strong(),
+        strong: blocks.strong(&template.luma(level)),
         median: blocks.median(),
         chroma: 0.0,
     }

@@ -19,10 +19,10 @@ use crate::capacity::{
 use crate::classify::{Match, NEIGHBOURS, classify};
 use crate::corners::{Corner, SCRATCH_ROWS, detect_corners, rank_by_radius, rank_by_strength};
 use crate::delaunay::{Triangulation, Triple, triangulate};
-use crate::detection::{Agreement, score};
+use crate::detection::{Agreement, Evidence, score};
 use crate::feature::{Feature, FeatureKind, extract};
 use crate::frame::{Frame, FrameError};
-use crate::geometry::{Homography, Point};
+use crate::geometry::{Homography, Point, contains};
 use crate::keygraph::{Keygraph, collect_keygraphs};
 use crate::math;
 use crate::method::{Parameters, Ranking};
@@ -36,7 +36,7 @@ pub use crate::detection::Detection;
 
 /// Detections below this score are not reported unless the caller asks for them: the score
 /// is a probability, and the wrong ones above it are counted in the README.
-pub const DEFAULT_THRESHOLD: f32 = 0.5;
+pub const DEFAULT_THRESHOLD: f32 = 0.8;
 
 /// What the stages did with one frame.
 #[derive(Clone, Copy, Debug, Default)]
@@ -729,14 +729,27 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
     #[inline(never)]
     fn weigh_evidence(&self, model: &Model<'_>, map: &Normalised, mut d: Detection) -> Detection {
         d.agreeing = count_agreeing(map, &self.pairs, &d.homography);
+        let mut inside = [0u32; MAX_CORNERS / 32];
+        for level in 0..LEVELS {
+            for i in self.range(level) {
+                let within = contains(&d.corners, to_level0(self.points[i], level));
+                inside[i / 32] |= u32::from(within) << (i % 32);
+            }
+        }
+        let within = |k: &Keygraph| k.vertices.iter().all(|&v| inside[usize::from(v) / 32] >> (v % 32) & 1 == 1);
         let agrees = Agreement::new(&d);
-        let supporters = self.votes.iter().filter(|v| {
+        let mut evidence = Evidence::default();
+        for v in self.votes.iter().filter(|v| v.object == d.object) {
             let k = &self.keygraphs[usize::from(v.frame_keygraph)];
-            let to = vertices(&self.points, k).map(|(_, p)| p);
-            agrees.holds(model, v, to)
-        });
-        d.votes = u16::try_from(supporters.count()).unwrap_or(u16::MAX);
-        d.score = score(&d);
+            evidence.votes += u16::from(within(k));
+            if agrees.holds(model, v, vertices(&self.points, k).map(|(_, p)| p)) {
+                d.votes += 1;
+                evidence.agreeing += u32::from(v.weight);
+            }
+        }
+        // They fit: there are fewer keygraphs than 65,536.
+        evidence.keygraphs = u16::try_from(self.keygraphs.iter().filter(|k| within(k)).count()).unwrap_or(u16::MAX);
+        d.score = score(&d.appearance, &evidence);
         d
     }
 

@@ -79,20 +79,32 @@ impl Agreement {
     }
 }
 
-/// Estimate of the probability that a pose is right: a logistic regression over 515
-/// right and 6,175 wrong candidates of hard frames, rendered and real.
-pub(crate) fn score(d: &Detection) -> f32 {
-    let a = &d.appearance;
+/// What the votes and keygraphs of a frame say of a detection.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Evidence {
+    /// Weight of the votes that agree with it.
+    pub agreeing: u32,
+    /// Votes for its object inside its outline, agreeing or not.
+    pub votes: u16,
+    /// Keygraphs inside its outline.
+    pub keygraphs: u16,
+}
+
+/// Estimate of the probability that a pose is right: a logistic regression over 1,844
+/// right and 11,360 wrong candidates, of rendered frames of twelve kinds and of the
+/// worst 511 in 62,000 pairs of a frame and an object that it does not show.
+pub(crate) fn score(a: &Appearance, evidence: &Evidence) -> f32 {
     if a.blocks < 4 {
         return 0.0;
     }
-    let log1p = |n: u16| math::ln(1.0 + f32::from(n));
-    // The blocks' logarithm is that of their share, 37 being all and one.
-    let logit = 1.22 * log1p(d.agreeing)
-        + 3.61 * log1p(d.votes)
-        + 6.67 * math::ln(1.0 + a.strong)
-        + 3.07 * (log1p(a.inside) - math::ln(37.0))
-        - 17.17;
+    let log1p = |v: f32| math::ln(1.0 + v);
+    // A vote of full weight counts as two; the blocks' logarithm is that of their share,
+    // 37 being all and one.
+    let logit = 4.07 * log1p(evidence.agreeing as f32 / 8.0) - 1.10 * log1p(f32::from(evidence.votes))
+        + 2.58 * log1p(f32::from(evidence.keygraphs))
+        + 13.15 * log1p(a.strong)
+        + 15.92 * (log1p(f32::from(a.inside)) - math::ln(37.0))
+        - 25.57;
     1.0 / (1.0 + math::exp(-logit))
 }
 
@@ -125,25 +137,21 @@ mod tests {
     }
 
     #[test]
-    fn the_score_grows_with_each_piece_of_evidence() {
-        let blank = Detection {
-            object: 0,
-            homography: Homography::IDENTITY,
-            corners: [[0.0; 2]; 4],
-            score: 0.0,
-            votes: 5,
-            agreeing: 15,
-            appearance: Appearance { blocks: 36, inside: 30, median: 0.5, support: 10.0, strong: 6.0, chroma: 0.0 },
+    fn the_score_moves_with_each_piece_of_evidence() {
+        let appearance = Appearance { blocks: 36, inside: 30, median: 0.5, support: 5.0, strong: 1.3, chroma: 0.0 };
+        let evidence = Evidence { agreeing: 30, votes: 15, keygraphs: 120 };
+        let base = score(&appearance, &evidence);
+        assert!((0.05..0.95).contains(&base), "{base}");
+        let with = |f: &dyn Fn(&mut Appearance, &mut Evidence)| {
+            let (mut a, mut e) = (appearance, evidence);
+            f(&mut a, &mut e);
+            score(&a, &e)
         };
-        let more = |f: &dyn Fn(&mut Detection)| {
-            let mut d = blank;
-            f(&mut d);
-            score(&d)
-        };
-        assert!(more(&|d| d.votes += 5) > score(&blank));
-        assert!(more(&|d| d.agreeing += 5) > score(&blank));
-        assert!(more(&|d| d.appearance.strong += 2.0) > score(&blank));
-        assert!(more(&|d| d.appearance.inside += 6) > score(&blank));
-        assert_eq!(more(&|d| d.appearance.blocks = 3), 0.0, "too little to see");
+        assert!(with(&|_, e| e.agreeing += 40) > base);
+        assert!(with(&|_, e| e.keygraphs += 100) > base);
+        assert!(with(&|a, _| a.strong += 0.5) > base);
+        assert!(with(&|a, _| a.inside += 6) > base);
+        assert!(with(&|_, e| e.votes += 15) < base, "votes that disagree");
+        assert_eq!(with(&|a, _| a.blocks = 3), 0.0, "too little to see");
     }
 }
