@@ -545,7 +545,7 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
                 for prior in PRIORS {
                     let grown = self.grow(model, candidate.object, &map, &start, prior);
                     laps.end(&mut self.stats, Output::Grown(grown.as_ref()));
-                    let aligned = grown.map(|d| self.align(model, d));
+                    let aligned = grown.and_then(|d| self.align(model, d));
                     laps.end(&mut self.stats, Output::Aligned(aligned.as_ref()));
                     let support = |d: &Option<Detection>| d.map_or(-1.0, |d| d.appearance.support);
                     if support(&aligned) > support(&best) {
@@ -712,17 +712,15 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
         (is_plausible(&d.corners, MIN_AREA_PX, MAX_RATIO) && !known).then_some(d)
     }
 
-    /// Aligns a grown pose with the frame.
+    /// Aligns a grown pose with the frame; `None` when that is hopeless.
     #[inline(never)]
-    fn align(&mut self, model: &Model<'_>, d: Detection) -> Detection {
+    fn align(&mut self, model: &Model<'_>, d: Detection) -> Option<Detection> {
         stage(&mut self.stats, Stage::Accept).seen += 1;
         let o = model.object(usize::from(d.object));
         let (view, w, h) = (self.pyramid.view(), o.width as f32, o.height as f32);
-        let aligned = refine(&view, &o.template, &d.homography, w, h);
-        Detection {
-            appearance: appearance(&view, &o.template, &aligned, w, h),
-            ..Detection::at(model, d.object, &aligned)
-        }
+        let aligned = refine(&view, &o.template, &d.homography, w, h)?;
+        let appearance = appearance(&view, &o.template, &aligned, w, h);
+        Some(Detection { appearance, ..Detection::at(model, d.object, &aligned) })
     }
 
     /// Counts what speaks for a detection, and scores it.

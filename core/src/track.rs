@@ -358,6 +358,10 @@ impl Tracker {
     }
 }
 
+/// Blocks that must agree at the predicted pose, and after the coarse steps. Where an
+/// object moved far the prediction may look like nothing.
+const LEAST_SUPPORT: [f32; 2] = [0.0, 0.8];
+
 /// Steps of the alignment of a pose that is nearly right; see `align`.
 const STEPS: [Refinement; 3] = [(2, 4, 5, 1.0), (1, 6, 4, 1.0), (0, 6, 2, 0.98)];
 
@@ -402,11 +406,11 @@ fn align(
     let last = &track.detection;
     let o = model.object(usize::from(last.object));
     let size = [o.width as f32, o.height as f32];
-    let mut homography = refine_by(&STEPS, view, &o.template, start, size);
+    let mut homography = refine_by(&STEPS, LEAST_SUPPORT, view, &o.template, start, size)?;
     let corners = |h: &Homography| h.outline(size[0], size[1]);
     let way = |(a, b): ([f32; 2], [f32; 2])| (a[0] - b[0]).abs().max((a[1] - b[1]).abs());
     if corners(start).into_iter().zip(corners(&homography)).map(way).fold(0.0, f32::max) >= FAR_PX {
-        homography = refine_by(&LAST_STEP, view, &o.template, &homography, size);
+        homography = refine_by(&LAST_STEP, LEAST_SUPPORT, view, &o.template, &homography, size)?;
     }
     let appearance = appearance_of_luma(view, &o.template, 0, &homography, size);
     let d = Detection {
