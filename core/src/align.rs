@@ -329,6 +329,8 @@ pub(crate) fn refine_by(
         let mut g = best.0.after(&to_picture).after(&unit);
         let mut light = None;
         for _ in 0..times {
+            // On the finest level steps are so small that the light of the one before will do.
+            light = light.filter(|_| level == 0);
             let Some(next) = coarse.improve(view, &g, &mut light) else { break };
             g = next;
         }
