@@ -120,8 +120,9 @@ impl core::fmt::Display for ModelError {
 
 impl core::error::Error for ModelError {}
 
-const CRC_TABLE: [u32; 256] = {
-    let mut table = [0; 256];
+/// What a byte that is 0 to 3 bytes before the end of four adds to their CRC.
+const CRC_TABLES: [[u32; 256]; 4] = {
+    let mut tables = [[0; 256]; 4];
     let mut i = 0;
     while i < 256 {
         #[allow(clippy::cast_possible_truncation, reason = "below 256")]
@@ -131,16 +132,31 @@ const CRC_TABLE: [u32; 256] = {
             c = if c & 1 == 1 { c >> 1 ^ 0xedb8_8320 } else { c >> 1 };
             k += 1;
         }
-        table[i] = c;
+        tables[0][i] = c;
         i += 1;
     }
-    table
+    let mut t = 1;
+    while t < 4 {
+        i = 0;
+        while i < 256 {
+            let c = tables[t - 1][i];
+            tables[t][i] = c >> 8 ^ tables[0][(c & 0xff) as usize];
+            i += 1;
+        }
+        t += 1;
+    }
+    tables
 };
 
-/// CRC-32 (ISO-HDLC, the one of zip and PNG).
+/// CRC-32 (ISO-HDLC, the one of zip and PNG), four bytes at a time.
 #[must_use]
 pub fn crc32(bytes: &[u8]) -> u32 {
-    !bytes.iter().fold(!0, |c, &b| c >> 8 ^ CRC_TABLE[usize::from(c.to_le_bytes()[0] ^ b)])
+    let (words, rest) = bytes.as_chunks();
+    let c = words.iter().fold(!0, |c, &word| {
+        let [a, b, d, e] = (c ^ u32::from_le_bytes(word)).to_le_bytes().map(usize::from);
+        CRC_TABLES[3][a] ^ CRC_TABLES[2][b] ^ CRC_TABLES[1][d] ^ CRC_TABLES[0][e]
+    });
+    !rest.iter().fold(c, |c, &b| c >> 8 ^ CRC_TABLES[0][usize::from(c.to_le_bytes()[0] ^ b)])
 }
 
 /// Where the sections of a model lie; all follow from the counts.
@@ -414,7 +430,9 @@ impl<'a> Model<'a> {
         for i in 0..keygraphs {
             let r = self.vertex_record(i);
             let view = usize::from(u16_at(r, 0));
-            if view >= views || r[2..VERTICES].iter().any(|&v| u16::from(v) >= self.view(view).keypoints) {
+            // The rest of a view would take longer to read than all else here.
+            let keypoints = |view| u16_at(self.record(self.layout.views, VIEW, view), 2);
+            if view >= views || r[2..VERTICES].iter().max().is_none_or(|&v| u16::from(v) >= keypoints(view)) {
                 return Some("keygraphs");
             }
         }
