@@ -670,13 +670,15 @@ def draw_economy(numbers):
         x, y = np.array(points["bytes"]) / 1024, 100 * np.array(points["all"])
         style = STYLES["Keygraph large" if label == "Keygraph" else label]
         axis.plot(x, y, **{**style, "markersize": 9 if len(x) == 1 else 5})
-        axis.annotate(label, (x[-1], y[-1]), xytext=(10, 0), textcoords="offset points", va="center",
+        # Both lines end at nearly the same place.
+        below = len(x) > 1 and label != "Keygraph"
+        axis.annotate(label, (x[-1], y[-1]), xytext=(10, -15 if below else 0), textcoords="offset points", va="center",
                       color=style["color"], fontweight="bold")
     axis.set_xscale("log")
     ticks = [32, 64, 128, 256, 512, 1024, 2048, 4096]
     axis.set_xticks(ticks, [f"{t} KB" if t < 1024 else f"{t // 1024} MB" for t in ticks])
     axis.minorticks_off()
-    axis.set_xlim(24, 10_000)
+    axis.set_xlim(24, 14_000)
     axis.set_title("Objects found, % of frames, against the model's size")
     n = numbers["objects"] * numbers["frames"]
     figure.text(0.015, 0.018, f"{numbers['objects']} objects, {n} rendered frames of each of: {'; '.join(CONDITIONS)}.",
