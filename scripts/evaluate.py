@@ -34,7 +34,7 @@ homography, on the same frames. Times are in-process, of one thread, from the
 decoded pixels to the outlines.
 
 Cost: a frame is rendered in about 60 ms, and searched in 10 to 150 ms; `curves` takes
-some 20 minutes, `economy` 15, `false-alarms` an hour, the tables a few minutes.
+some 20 minutes, `economy` 15, `false-alarms` 15 to 50, the tables a few minutes.
 """
 
 import argparse

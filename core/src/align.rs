@@ -42,9 +42,9 @@ pub struct Appearance {
     pub median: f32,
     /// How many blocks agree: the sum of their agreements.
     pub support: f32,
-    /// How many agree well: the sum of the squares of their agreements, each times the
-    /// roundness of its texture. Many blocks that agree a little, and lone edges that
-    /// agree well, are what aligning makes of a wrong pose.
+    /// How many agree well: the sum of the squares of their agreements, each times how much
+    /// its texture runs both ways (0 for a lone edge, 1). Many blocks that agree a little,
+    /// and lone edges that agree well, are what aligning makes of a wrong pose.
     pub strong: f32,
     /// Correlation of chroma over the whole object, -1 to 1; 0 when either has
     /// too little chroma to tell.

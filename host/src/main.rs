@@ -326,7 +326,7 @@ fn dispatch(command: Command) -> Result<ExitCode> {
             };
             let request = Request::new(profile, DEFAULT_THRESHOLD);
             bench_all(
-                &Model::parse(&bytes)?,
+                &parse(&bytes, &models)?,
                 &inputs,
                 &request,
                 usize::from(passes),
@@ -503,27 +503,29 @@ fn model_report(model: &Model<'_>, path: &Path) -> String {
 
 fn pack_all(models: &[PathBuf], output: &Path) -> Result<()> {
     let packed = load(models)?;
-    let model = Model::parse(&packed)?;
+    let model = parse(&packed, models)?;
     fs::write(output, &packed).with_context(|| format!("cannot write {}", output.display()))?;
     print(&format!("{} objects\n{}", model.objects(), model_report(&model, output)))
 }
 
-/// Reads models; several become one.
+/// Reads models; several become one. A single one is not looked at: [`parse`] does that
+/// once, which takes most of the time in which a search gets ready.
 fn load(paths: &[PathBuf]) -> Result<Vec<u8>> {
     let mut models = Vec::new();
     for path in paths {
-        let bytes = fs::read(path).map_err(|e| {
+        models.push(fs::read(path).map_err(|e| {
             let advice = match e.kind() {
                 io::ErrorKind::NotFound => " (make one with `keygraph train`)",
                 _ => "",
             };
             anyhow::Error::new(e).context(format!("cannot read the model {}{advice}", path.display()))
-        })?;
-        Model::parse(&bytes).with_context(|| path.display().to_string())?;
-        models.push(bytes);
+        })?);
     }
     if models.len() == 1 {
         return Ok(models.remove(0));
+    }
+    for (bytes, path) in models.iter().zip(paths) {
+        parse(bytes, std::slice::from_ref(path))?;
     }
     merge(&models).map_err(|e| match e.downcast_ref() {
         Some(&PackError::Different { index }) => e.context(paths[index].display().to_string()),
@@ -531,9 +533,15 @@ fn load(paths: &[PathBuf]) -> Result<Vec<u8>> {
     })
 }
 
+/// The model that was loaded from `paths`; the message names the first.
+fn parse<'a>(bytes: &'a [u8], paths: &[PathBuf]) -> Result<Model<'a>> {
+    Model::parse(bytes).with_context(|| paths.first().map(|p| p.display().to_string()).unwrap_or_default())
+}
+
 fn inspect(path: &Path, json: bool) -> Result<()> {
-    let bytes = load(&[path.to_path_buf()])?;
-    let model = Model::parse(&bytes)?;
+    let paths = [path.to_path_buf()];
+    let bytes = load(&paths)?;
+    let model = parse(&bytes, &paths)?;
     if json {
         return print(&report::model_object(&model).to_string());
     }
@@ -584,7 +592,7 @@ fn assess_all(
             Err(e) => return Err(e.context(format!("cannot train on {}", input.display()))),
         }
     };
-    let model = Model::parse(&bytes)?;
+    let model = parse(&bytes, &[input.to_path_buf()])?;
     let objects = model.objects();
     ensure!(
         pictures.is_empty() || pictures.len() == objects,
@@ -715,7 +723,7 @@ fn detect(
     camera: Option<(Intrinsics, Vec<Width>)>,
 ) -> Result<ExitCode> {
     let bytes = load(models)?;
-    let model = Model::parse(&bytes)?;
+    let model = parse(&bytes, models)?;
     let calibration = camera.map(|(intrinsics, widths)| {
         Calibration::new(intrinsics, &widths, &model)
             .unwrap_or_else(|e| Cli::command().error(ErrorKind::ValueValidation, e).exit())
