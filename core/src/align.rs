@@ -112,7 +112,7 @@ impl Sums {
     }
 }
 
-/// The columns of each of `blocks` blocks of a row of `width`: those whose
+/// The columns of each of `blocks` blocks of a row of `width`, or the rows of a height: those whose
 /// `x * blocks / width` is the block's number.
 fn block_columns(width: usize, blocks: usize) -> impl Iterator<Item = core::ops::Range<usize>> {
     let start = move |b: usize| (b * width).div_ceil(blocks);
@@ -157,8 +157,8 @@ fn level_for(h: &Homography, width: f32, height: f32) -> usize {
 fn roundness(luma: &Plane<'_, u8>, block: usize) -> f32 {
     let (w, h) = (luma.width(), luma.height());
     let range = |size: usize, b: usize| {
-        let start = |b: usize| (b * size).div_ceil(BLOCKS);
-        start(b).max(1)..start(b + 1).min(size - 1)
+        let all = block_columns(size, BLOCKS).nth(b).unwrap_or_default();
+        all.start.max(1)..all.end.min(size - 1)
     };
     let (mut xx, mut xy, mut yy) = (0i32, 0i32, 0i32);
     for y in range(h, block / BLOCKS) {
