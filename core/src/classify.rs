@@ -12,8 +12,8 @@
 //! detector.
 
 use crate::feature::{Feature, signature};
-use crate::keygraph::{BIN, Key, LARGEST_BINS, SECOND_BINS, cell_of};
-use crate::model::{Keys, Model};
+use crate::keygraph::{BIN, Keygraph, LARGEST_BINS, SECOND_BINS, cell_of};
+use crate::model::{Keys, Model, Tier};
 
 /// What counts as a match.
 #[derive(Clone, Copy, Debug)]
@@ -53,10 +53,10 @@ pub const NEIGHBOURS: usize = 2;
 /// The nearest neighbours, nearest first.
 pub type Nearest = [Option<Match>; NEIGHBOURS];
 
-/// Finds the best matches of a keygraph with this key, size, shortest side
-/// (px) and feature.
+/// Finds the best matches, in a tier, of a keygraph with this feature.
 #[must_use]
-pub fn classify(model: &Model<'_>, key: Key, size: u8, shortest: u8, feature: &Feature, rule: &MatchRule) -> Nearest {
+pub fn classify(model: &Model<'_>, tier: Tier, k: &Keygraph, feature: &Feature, rule: &MatchRule) -> Nearest {
+    let Keygraph { key, size, shortest, .. } = *k;
     let bytes = model.feature_bytes();
     let feature = &feature[..bytes];
     let [a, b, c, _] = signature(feature).to_le_bytes();
@@ -71,7 +71,7 @@ pub fn classify(model: &Model<'_>, key: Key, size: u8, shortest: u8, feature: &F
         best: [None; NEIGHBOURS],
     };
     if rule.one_cell {
-        search.run(model.cell(key.cell()), [0, BIN - 1], [0, BIN - 1]);
+        search.run(model.cell(tier, key.cell()), [0, BIN - 1], [0, BIN - 1]);
         search.best[1..].fill(None);
         return search.best;
     }
@@ -84,7 +84,7 @@ pub fn classify(model: &Model<'_>, key: Key, size: u8, shortest: u8, feature: &F
     let inside = |[from, to]: [u8; 2], bin: u8| [from.saturating_sub(bin * BIN), (to - bin * BIN).min(BIN - 1)];
     for s in bins(second, SECOND_BINS) {
         for l in bins(largest, LARGEST_BINS) {
-            search.run(model.cell(cell_of(key.mirrored, s, l)), inside(second, s), inside(largest, l));
+            search.run(model.cell(tier, cell_of(key.mirrored, s, l)), inside(second, s), inside(largest, l));
         }
     }
     search.best
@@ -140,9 +140,13 @@ struct Search<'a> {
 impl Search<'_> {
     /// Looks at a subset's keygraphs whose angles, from its start, lie in these ranges.
     fn run(&mut self, cell: core::ops::Range<usize>, second: [u8; 2], largest: [u8; 2]) {
-        let sizes = &self.keys.sizes[cell.clone()];
-        let skipped = sizes.partition_point(|&s| s < self.sizes[0]);
-        let end = cell.start + sizes.partition_point(|&s| s <= self.sizes[1]);
+        let core::ops::Range { mut start, mut end } = cell;
+        // Reading a few keys too many is cheaper than finding out which.
+        if end - start > 2 * KEYS {
+            let sizes = &self.keys.sizes[start..end];
+            end = start + sizes.partition_point(|&s| s <= self.sizes[1]);
+            start += sizes.partition_point(|&s| s < self.sizes[0]);
+        }
         // A byte has its highest bit set where `least + v`, and `most - v`, say that v is in
         // the range; none carries into the next.
         let [least, most] = [
@@ -150,7 +154,7 @@ impl Search<'_> {
             [second, largest].map(|r| in_each_byte(0x80 + r[1])),
         ];
         let mut spare = [[0; KEYS]; 4];
-        for at in (cell.start + skipped..end).step_by(KEYS) {
+        for at in (start..end).step_by(KEYS) {
             let [d, e, f, g] = &mut spare;
             let Keys { angles, signatures: [a, b, c], .. } = self.keys;
             let (a, b, c) = (keys_at(a, at, d), keys_at(b, at, e), keys_at(c, at, f));
@@ -172,7 +176,7 @@ impl Search<'_> {
                 while left != 0 {
                     let key = at + 4 * i + (left.trailing_zeros() / 8) as usize;
                     left &= left - 1;
-                    if key < end {
+                    if key < end && (self.sizes[0]..=self.sizes[1]).contains(&self.keys.sizes[key]) {
                         self.compare(key);
                     }
                 }

@@ -25,40 +25,21 @@ use crate::frame::{Frame, FrameError};
 use crate::geometry::{Homography, Point, contains};
 use crate::keygraph::{Keygraph, collect_keygraphs};
 use crate::math;
-use crate::method::{Parameters, Ranking};
-use crate::model::{Model, Object, View};
+use crate::method::{FirstPass, Parameters, Ranking};
+use crate::model::{Model, Object, Tier, View};
+use crate::observer::{Laps, add};
 use crate::pose::{MAX_CORNERS, Normalised, PRIORS, Pair, Prior, collect_pairs, count_agreeing, grow, start};
 use crate::pyramid::{Plane, Pyramid, PyramidView, to_level0};
+use crate::sort::sort_by_key;
 use crate::verify::likeness;
 use crate::vote::{Bin, Candidate, Vote, cast, vote};
 
 pub use crate::detection::Detection;
+pub use crate::observer::{Observer, Output, Stats};
 
 /// Detections below this score are not reported unless the caller asks for them: the score
 /// is a probability, and the wrong ones above it are counted in the README.
 pub const DEFAULT_THRESHOLD: f32 = 0.8;
-
-/// What the stages did with one frame.
-#[derive(Clone, Copy, Debug, Default)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Stats {
-    /// Counts by stage, in the order of [`Stage::ALL`].
-    pub stages: [StageStats; Stage::COUNT],
-    /// Clock ticks by stage, in the same order.
-    pub ticks: [u64; Stage::COUNT],
-}
-
-impl Stats {
-    /// Nothing done yet.
-    pub(crate) const EMPTY: Self =
-        Self { stages: [StageStats { seen: 0, kept: 0, dropped: 0 }; Stage::COUNT], ticks: [0; Stage::COUNT] };
-
-    /// Adds what was done besides.
-    pub(crate) fn add(&mut self, more: &Self) {
-        self.stages.iter_mut().zip(more.stages).for_each(|(s, m)| add(s, m));
-        self.ticks.iter_mut().zip(more.ticks).for_each(|(t, m)| *t += m);
-    }
-}
 
 /// Where keypoints and triples of a frame come from: the framework is open to
 /// others than our corners and their triangulation.
@@ -70,97 +51,6 @@ pub trait Finder {
     /// Appends triples of indices into `points` (best first) to `out`, which is
     /// empty and holds `KEYGRAPHS` of them; so many keygraphs are kept in all.
     fn triples(&mut self, points: &[Point], out: &mut VecView<Triple>) -> StageStats;
-}
-
-/// What a stage has just made, for an [`Observer`]. Buffers are used again within a
-/// frame: levels, chunks of keygraphs and candidates come one after the other.
-#[derive(Clone, Copy, Debug)]
-pub enum Output<'a> {
-    /// Level 0 of luma and chroma.
-    Planes(PyramidView<'a>),
-    /// The levels above it.
-    Levels(PyramidView<'a>),
-    /// Keypoints of a level, 1/16 px of that level, best first.
-    Corners(&'a [Point]),
-    /// Triples of indices into these keypoints.
-    Triangles(&'a [Triple]),
-    /// The keygraphs among them.
-    Keygraphs(&'a [Keygraph]),
-    /// Features of all keygraphs, of so many bytes each.
-    Features(&'a [Feature], usize),
-    /// Matches of a chunk of keygraphs, each with the index of its keygraph.
-    Matches(&'a [(u16, Match)]),
-    /// The votes that came of these matches.
-    Votes(&'a [Vote]),
-    /// The poses with most votes, heaviest first.
-    Candidates(&'a [Candidate]),
-    /// What a candidate grew to, if anything.
-    Grown(Option<&'a Detection>),
-    /// The same, aligned to the frame.
-    Aligned(Option<&'a Detection>),
-    /// All that has been found, best score first, after each candidate.
-    Detections(&'a [Detection]),
-}
-
-impl Output<'_> {
-    /// The stage that made it.
-    #[must_use]
-    pub const fn stage(&self) -> Stage {
-        match self {
-            Self::Planes(_) => Stage::Convert,
-            Self::Levels(_) => Stage::Pyramid,
-            Self::Corners(_) => Stage::Corners,
-            Self::Triangles(_) => Stage::Delaunay,
-            Self::Keygraphs(_) => Stage::Keygraphs,
-            Self::Features(..) => Stage::Features,
-            Self::Matches(_) => Stage::Classify,
-            Self::Votes(_) => Stage::Verify,
-            Self::Candidates(_) => Stage::Vote,
-            Self::Grown(_) => Stage::Pose,
-            Self::Aligned(_) | Self::Detections(_) => Stage::Accept,
-        }
-    }
-}
-
-/// Who watches the stages. A closure that returns ticks is one that only times them.
-pub trait Observer {
-    /// Ticks of a clock that counts up; read between the stages.
-    fn now(&mut self) -> u64;
-
-    /// Told what each stage made, outside the time that is counted for it.
-    fn saw(&mut self, output: Output<'_>) {
-        let _ = output;
-    }
-}
-
-impl<F: FnMut() -> u64> Observer for F {
-    fn now(&mut self) -> u64 {
-        self()
-    }
-}
-
-/// Counts the time of the stages.
-struct Laps<'a> {
-    observer: &'a mut dyn Observer,
-    last: u64,
-}
-
-impl<'a> Laps<'a> {
-    fn new(observer: &'a mut dyn Observer) -> Self {
-        let last = observer.now();
-        Self { observer, last }
-    }
-
-    /// Ends the work of a stage, and shows what it made.
-    fn end(&mut self, stats: &mut Stats, output: Output<'_>) {
-        let now = self.observer.now();
-        let ticks = now.wrapping_sub(self.last);
-        stats.ticks[output.stage() as usize] += ticks;
-        #[cfg(feature = "defmt")]
-        defmt::trace!("{}: {} ticks", output.stage(), ticks);
-        self.observer.saw(output);
-        self.last = self.observer.now();
-    }
 }
 
 /// Finder of Shi-Tomasi corners and nested Delaunay triangles.
@@ -524,22 +414,127 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
         self.extract_features(model);
         let features = &self.features[..self.keygraphs.len()];
         laps.end(&mut self.stats, Output::Features(features, model.feature_bytes()));
+        let shortlist = model.has_shortlist().then(|| self.shortlist(model, &mut laps));
+        let wanted = shortlist.as_ref().map_or(model.objects(), |objects| objects.len());
+        let mut looks = rules.shortlist.second_looks;
+        for i in 0..wanted {
+            let object = shortlist.as_ref().map_or(u16::try_from(i).unwrap_or(u16::MAX), |objects| objects[i]);
+            let second = shortlist.is_none() || looks > 0 && self.detections.is_empty();
+            let again = self.seek(model, object, second, threshold, &mut laps);
+            looks = looks.saturating_sub(usize::from(again && second));
+        }
+        #[cfg(feature = "defmt")]
+        self.log(model);
+        Ok(&self.detections)
+    }
+
+    /// Finds the matches of all keygraphs in a tier, and casts their votes.
+    fn search(&mut self, model: &Model<'_>, tier: Tier, laps: &mut Laps<'_>) {
         for first in (0..self.keygraphs.len()).step_by(CHUNK) {
-            self.find_matches(model, rules, first);
+            self.find_matches(model, tier, first);
             laps.end(&mut self.stats, Output::Matches(&self.matches));
             let first = self.votes.len();
-            self.cast_votes(model, rules);
+            self.cast_votes(model);
             laps.end(&mut self.stats, Output::Votes(&self.votes[first..]));
         }
+    }
+
+    /// Finds the poses that most votes from `first` on speak for.
+    #[inline(never)]
+    fn find_candidates(&mut self, rules: &Parameters, first: usize) {
         let candidates = &mut self.candidates;
-        *stage(&mut self.stats, Stage::Vote) = vote(&self.votes, &rules.voting, &mut self.bins, candidates);
+        add(stage(&mut self.stats, Stage::Vote), vote(&self.votes[first..], &rules.voting, &mut self.bins, candidates));
         candidates.truncate(rules.candidates);
         let bins = self.bins.iter().filter(|b| !b.is_free()).count();
-        laps.end(&mut self.stats, Output::Candidates(candidates));
         self.mark(Buffer::Bins, bins);
+    }
+
+    /// The objects that most speaks for, heaviest candidates first.
+    fn shortlist(&mut self, model: &Model<'_>, laps: &mut Laps<'_>) -> Vec<u16, CANDIDATES> {
+        let rules = model.method().parameters();
+        self.search(model, Tier::Shortlist, laps);
+        self.find_candidates(rules, 0);
+        laps.end(&mut self.stats, Output::Candidates(&self.candidates));
+        // They are cast again, and more of them.
+        self.votes.clear();
+        let mut objects = Vec::new();
+        for c in &self.candidates {
+            let likely = objects.len() < rules.shortlist.objects || c.weight >= rules.shortlist.weight;
+            if likely && !objects.contains(&c.object) {
+                // It fits: there are no more than candidates.
+                let _ = objects.push(c.object);
+            }
+        }
+        objects
+    }
+
+    /// Looks for an object: first by the keygraphs that are likeliest to be seen again. What
+    /// leaves no doubt is kept; else by all there are, if much speaks for it or `second` says
+    /// so. Says whether it had to.
+    fn seek(&mut self, model: &Model<'_>, object: u16, second: bool, threshold: f32, laps: &mut Laps<'_>) -> bool {
+        let rules = model.method().parameters();
+        // Before them are the supporters of what has been found.
+        let votes = self.votes.len();
+        self.search(model, Tier::First(object), laps);
+        self.find_candidates(rules, votes);
+        laps.end(&mut self.stats, Output::Candidates(&self.candidates));
+        let two_tiers = model.has_second_tiers();
+        let FirstPass { score, weight, .. } = rules.first_pass;
+        if two_tiers {
+            self.examine(model, weight, threshold.max(score), laps);
+        } else {
+            self.examine(model, 0, threshold, laps);
+        }
+        let again = two_tiers && (second && !self.has_found(object) || self.leaves_doubt(object, rules));
+        if again {
+            self.search(model, Tier::Second(object), laps);
+            // A keygraph counts once in a bin: its votes have to stand together.
+            sort_by_key(&mut self.votes[votes..], |v| (v.frame_keygraph, v.model_keygraph));
+            self.find_candidates(rules, votes);
+            laps.end(&mut self.stats, Output::Candidates(&self.candidates));
+            self.examine(model, 0, threshold, laps);
+        }
+        if model.objects() > 1 {
+            self.forget(model, object, votes);
+        }
+        again
+    }
+
+    fn has_found(&self, object: u16) -> bool {
+        self.detections.iter().any(|d| d.object == object)
+    }
+
+    /// Whether the object, or a copy of it, may be where it has not been found.
+    fn leaves_doubt(&self, object: u16, rules: &Parameters) -> bool {
+        let found = |at| self.detections.iter().any(|d| d.object == object && contains(&d.corners, at));
+        self.candidates.iter().any(|c| c.weight >= rules.first_pass.doubt && !found(c.pose.centre))
+    }
+
+    /// Forgets the votes from `first` on that support nothing that has been found of their
+    /// object.
+    fn forget(&mut self, model: &Model<'_>, object: u16, first: usize) {
+        let mut kept = first;
+        for i in first..self.votes.len() {
+            let v = self.votes[i];
+            let to = self.vertices(&self.keygraphs[usize::from(v.frame_keygraph)]).map(|(_, p)| p);
+            let found = self.detections.iter().filter(|d| d.object == object);
+            if found.map(Agreement::new).any(|a| a.holds(model, &v, to)) {
+                self.votes[kept] = v;
+                kept += 1;
+            }
+        }
+        self.votes.truncate(kept);
+    }
+
+    /// Grows and aligns the candidates of at least this weight, and keeps those that score
+    /// at least `threshold`.
+    fn examine(&mut self, model: &Model<'_>, weight: u32, threshold: f32, laps: &mut Laps<'_>) {
         for i in 0..self.candidates.len() {
             let candidate = self.candidates[i];
-            if rules.grow {
+            if candidate.weight < weight {
+                break;
+            }
+            if model.method().parameters().grow {
                 let (map, start) = self.find_pairs(model, &candidate);
                 let mut best: Option<Detection> = None;
                 for prior in PRIORS {
@@ -564,9 +559,6 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
             }
             laps.end(&mut self.stats, Output::Detections(&self.detections));
         }
-        #[cfg(feature = "defmt")]
-        self.log(model);
-        Ok(&self.detections)
     }
 
     /// One line a stage, and one a detection.
@@ -637,12 +629,17 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
 
     /// Matches the keygraphs from `first` on, as many as there is room for.
     #[inline(never)]
-    fn find_matches(&mut self, model: &Model<'_>, rules: &Parameters, first: usize) {
+    fn find_matches(&mut self, model: &Model<'_>, tier: Tier, first: usize) {
+        let rules = model.method().parameters();
+        let mut matching = rules.matching;
+        if tier == Tier::Shortlist {
+            matching.max_bits = rules.shortlist.max_bits;
+        }
         self.matches.clear();
         for i in first..self.keygraphs.len().min(first + CHUNK) {
             let k = &self.keygraphs[i];
             let id = u16::try_from(i).unwrap_or(0);
-            let nearest = classify(model, k.key, k.size, k.shortest, &self.features[i], &rules.matching);
+            let nearest = classify(model, tier, k, &self.features[i], &matching);
             // They fit: a keygraph has at most NEIGHBOURS of them.
             self.matches.extend(nearest.into_iter().flatten().map(|m| (id, m)));
         }
@@ -653,7 +650,8 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
 
     /// Casts the votes of the matches whose surroundings look alike.
     #[inline(never)]
-    fn cast_votes(&mut self, model: &Model<'_>, rules: &Parameters) {
+    fn cast_votes(&mut self, model: &Model<'_>) {
+        let rules = model.method().parameters();
         let frame = self.pyramid.view();
         let gray = model.feature() == FeatureKind::Luma;
         let mut stats = StageStats { seen: count(self.matches.len()), ..StageStats::default() };
@@ -808,10 +806,4 @@ const fn count(n: usize) -> u32 {
 
 fn stage(stats: &mut Stats, s: Stage) -> &mut StageStats {
     &mut stats.stages[s as usize]
-}
-
-fn add(total: &mut StageStats, s: StageStats) {
-    total.seen += s.seen;
-    total.kept += s.kept;
-    total.dropped += s.dropped;
 }

@@ -106,6 +106,7 @@ pub mod align;
 pub mod method;
 pub mod train;
 pub mod detection;
+pub mod observer;
 pub mod detect;
 pub mod digest;
 pub mod track;

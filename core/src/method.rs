@@ -18,6 +18,36 @@ pub enum Ranking {
     Strength(u16),
 }
 
+/// When the first tier of an object is enough.
+#[derive(Clone, Copy, Debug)]
+pub struct FirstPass {
+    /// Least score of a detection.
+    pub score: f32,
+    /// Least weight of a candidate that may become one.
+    pub weight: u32,
+    /// Least weight of a candidate elsewhere that may be the object, or another copy.
+    pub doubt: u32,
+}
+
+/// How objects are chosen where a model has many.
+#[derive(Clone, Copy, Debug)]
+pub struct Shortlist {
+    /// Most keygraphs of each object that it copies; 0 for no shortlist.
+    pub keygraphs: usize,
+    /// Most keygraphs of all objects together.
+    pub total: usize,
+    /// Most objects of a model without a shortlist.
+    pub without: usize,
+    /// Objects that are chosen whatever speaks for them.
+    pub objects: usize,
+    /// Least weight of a candidate from which on its object is chosen besides.
+    pub weight: u32,
+    /// For how many of them the second tier is searched, while nothing is found.
+    pub second_looks: usize,
+    /// Takes the place of [`MatchRule::max_bits`]: reading features is what takes time here.
+    pub max_bits: u8,
+}
+
 /// Everything that a method fixes about the search of a frame.
 #[derive(Clone, Copy, Debug)]
 pub struct Parameters {
@@ -32,6 +62,13 @@ pub struct Parameters {
     pub prefixes: &'static [usize],
     /// Which triples are keygraphs.
     pub scalene: Scalene,
+    /// Keygraphs of an object that are searched first; all, where they are less than twice
+    /// as many. More find it without the others more often.
+    pub first_tier: usize,
+    /// What they find alone.
+    pub first_pass: FirstPass,
+    /// How objects are chosen where a model has many.
+    pub shortlist: Shortlist,
     /// What counts as a match.
     pub matching: MatchRule,
     /// Least likeness of a match's surroundings, 0 to 2; `None` leaves them out.
@@ -52,6 +89,17 @@ const KEYGRAPH: Parameters = Parameters {
     corner_limits: [450, 225, 100, 0],
     prefixes: &[25, 35, 50, 71, 100, 141, 200, 283, 400, 450],
     scalene: Scalene { min_angle_deg: 8.0, min_difference_deg: 4.0, min_side_px: 8.0 },
+    first_tier: 1024,
+    first_pass: FirstPass { score: 0.99, weight: 100, doubt: 32 },
+    shortlist: Shortlist {
+        keygraphs: 512,
+        total: 384 << 10,
+        without: 16,
+        objects: 4,
+        weight: 32,
+        second_looks: 3,
+        max_bits: 4,
+    },
     matching: MatchRule {
         tolerance: 8,
         tolerance_px: 60,
@@ -74,6 +122,17 @@ const PAPER: Parameters = Parameters {
     corner_limits: [200, 0, 0, 0],
     prefixes: &[200],
     scalene: Scalene { min_angle_deg: 5.0, min_difference_deg: 5.0, min_side_px: 10.0 },
+    first_tier: usize::MAX,
+    first_pass: FirstPass { score: 0.0, weight: 0, doubt: 0 },
+    shortlist: Shortlist {
+        keygraphs: 0,
+        total: 0,
+        without: usize::MAX,
+        objects: usize::MAX,
+        weight: 0,
+        second_looks: 0,
+        max_bits: 0,
+    },
     matching: MatchRule {
         tolerance: 0,
         tolerance_px: 0,

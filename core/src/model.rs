@@ -16,7 +16,7 @@ use crate::pyramid::{Plane, level_of, plane_bytes};
 /// First bytes of every model.
 pub const MAGIC: [u8; 4] = *b"KGM\x1a";
 /// The version that this library writes and reads.
-pub const VERSION: u16 = 4;
+pub const VERSION: u16 = 5;
 /// Longest name of an object, bytes of UTF-8.
 pub const NAME_BYTES: usize = 32;
 /// Longest side of a training picture, px.
@@ -28,7 +28,6 @@ pub(crate) const CHECKED: usize = 16;
 pub(crate) const OBJECT: usize = 56;
 pub(crate) const VIEW: usize = 44;
 pub(crate) const KEYPOINT: usize = 4;
-pub(crate) const CELL_TABLE: usize = 4 * (CELLS + 1);
 /// Bytes of a keygraph's key: one in each plane of [`Keys`].
 pub(crate) const KEY: usize = 5;
 pub(crate) const VERTICES: usize = 5;
@@ -159,6 +158,51 @@ pub fn crc32(bytes: &[u8]) -> u32 {
     !rest.iter().fold(c, |c, &b| c >> 8 ^ CRC_TABLES[0][usize::from(c.to_le_bytes()[0] ^ b)])
 }
 
+/// A part of the keygraphs with a partition of its own.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Tier {
+    /// Copies of some keygraphs of every object, where there are many objects: says which
+    /// ones to look for.
+    Shortlist,
+    /// The keygraphs of an object that are likeliest to be seen again.
+    First(u16),
+    /// Its others: searched where the first tier leaves doubts.
+    Second(u16),
+}
+
+/// Which tiers a model has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Tiers {
+    pub shortlist: bool,
+    pub second: bool,
+}
+
+impl Tiers {
+    /// How many there are with so many objects.
+    pub const fn count(self, objects: usize) -> usize {
+        self.shortlist as usize + objects * (1 + self.second as usize)
+    }
+
+    /// Where a tier that there is stands among them.
+    pub const fn number(self, tier: Tier) -> usize {
+        match tier {
+            Tier::Shortlist => 0,
+            Tier::First(object) => self.count(object as usize),
+            Tier::Second(object) => self.count(object as usize) + 1,
+        }
+    }
+
+    /// As they stand in the header.
+    pub const fn bits(self) -> u16 {
+        self.shortlist as u16 | (self.second as u16) << 1
+    }
+
+    const fn from_bits(bits: u16) -> Option<Self> {
+        if bits < 4 { Some(Self { shortlist: bits & 1 == 1, second: bits & 2 == 2 }) } else { None }
+    }
+}
+
 /// Where the sections of a model lie; all follow from the counts.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Layout {
@@ -177,6 +221,7 @@ impl Layout {
     /// `None` when the sum does not fit `usize`.
     pub(crate) fn new(
         [objects, views, keypoints, keygraphs, templates]: [usize; 5],
+        tiers: Tiers,
         feature_bytes: usize,
     ) -> Option<Self> {
         let after = |start: usize, n: usize, each: usize| start.checked_add(n.checked_mul(each)?);
@@ -184,7 +229,7 @@ impl Layout {
         let v = after(o, objects, OBJECT)?;
         let k = after(v, views, VIEW)?;
         let c = after(k, keypoints, KEYPOINT)?;
-        let keys = after(c, 1, CELL_TABLE)?;
+        let keys = after(after(c, 4 * CELLS, tiers.count(objects))?, 4, 1)?;
         let vertices = after(keys, keygraphs, KEY)?;
         let features = after(vertices, keygraphs, VERTICES)?;
         let t = after(features, keygraphs, feature_bytes)?;
@@ -335,6 +380,7 @@ pub struct Model<'a> {
     layout: Layout,
     method: Method,
     feature: FeatureKind,
+    tiers: Tiers,
     counts: [usize; 5],
 }
 
@@ -379,11 +425,12 @@ impl<'a> Model<'a> {
             _ => return Err(wrong("feature kind")),
         };
         let counts = [20, 24, 28, 32, 36].map(|i| size_at(bytes, i));
-        let layout = Layout::new(counts, method.sampling().bytes(feature)).ok_or(wrong("counts"))?;
-        if usize::from(u16_at(bytes, 6)) != HEADER || u16_at(bytes, 18) != 0 || layout.end != given {
+        let tiers = Tiers::from_bits(u16_at(bytes, 18)).ok_or(wrong("tiers"))?;
+        let layout = Layout::new(counts, tiers, method.sampling().bytes(feature)).ok_or(wrong("counts"))?;
+        if usize::from(u16_at(bytes, 6)) != HEADER || layout.end != given {
             return Err(wrong("header"));
         }
-        let model = Self { bytes, layout, method, feature, counts };
+        let model = Self { bytes, layout, method, feature, tiers, counts };
         model.check().map_or(Ok(model), |section| Err(wrong(section)))
     }
 
@@ -419,10 +466,10 @@ impl<'a> Model<'a> {
         if !(0..keypoints).all(|i| coordinate_fits(KEYPOINT * i) && coordinate_fits(KEYPOINT * i + 2)) {
             return Some("keypoints");
         }
-        let mut start = 0;
-        for c in 0..=CELLS {
-            let at = size_at(self.bytes, self.layout.cells + 4 * c);
-            if at < start || at > keygraphs || (c == 0 && at != 0) || (c == CELLS && at != keygraphs) {
+        let (mut start, last) = (0, CELLS * self.tiers.count(objects));
+        for c in 0..=last {
+            let at = self.index_entry(c);
+            if at < start || at > keygraphs || (c == 0 && at != 0) || (c == last && at != keygraphs) {
                 return Some("index");
             }
             start = at;
@@ -499,7 +546,7 @@ impl<'a> Model<'a> {
         self.counts[2]
     }
 
-    /// How many keygraphs it holds.
+    /// How many keygraphs it holds, those of the shortlist counted again.
     #[must_use]
     pub const fn keygraphs(&self) -> usize {
         self.counts[3]
@@ -574,14 +621,40 @@ impl<'a> Model<'a> {
         (view, core::array::from_fn(|k| self.keypoint(first + usize::from(r[2 + k]))))
     }
 
-    /// The keygraphs of subset `cell` as a range of indices.
+    fn index_entry(&self, i: usize) -> usize {
+        size_at(self.bytes, self.layout.cells + 4 * i)
+    }
+
+    /// The keygraphs of subset `cell` of a tier as a range of indices.
     ///
     /// # Panics
-    /// When `cell` is not below [`CELLS`].
+    /// When `cell` is not below [`CELLS`], or there is no such tier.
     #[must_use]
-    pub fn cell(&self, cell: usize) -> core::ops::Range<usize> {
-        let at = |c: usize| size_at(self.bytes, self.layout.cells + 4 * c);
-        at(cell)..at(cell + 1)
+    pub fn cell(&self, tier: Tier, cell: usize) -> core::ops::Range<usize> {
+        let i = CELLS * self.tiers.number(tier) + cell;
+        self.index_entry(i)..self.index_entry(i + 1)
+    }
+
+    /// The keygraphs of a tier as a range of indices.
+    ///
+    /// # Panics
+    /// When there is no such tier.
+    #[must_use]
+    pub fn tier(&self, tier: Tier) -> core::ops::Range<usize> {
+        let i = CELLS * self.tiers.number(tier);
+        self.index_entry(i)..self.index_entry(i + CELLS)
+    }
+
+    /// Whether it says by [`Tier::Shortlist`] which objects to look for.
+    #[must_use]
+    pub const fn has_shortlist(&self) -> bool {
+        self.tiers.shortlist
+    }
+
+    /// Whether there is [`Tier::Second`].
+    #[must_use]
+    pub const fn has_second_tiers(&self) -> bool {
+        self.tiers.second
     }
 
     /// The keys of all keygraphs.
@@ -597,10 +670,12 @@ impl<'a> Model<'a> {
         &self.bytes[self.layout.features..self.layout.templates]
     }
 
-    /// Subsets that hold at least one keygraph, and the size of the largest.
+    /// Subsets that hold at least one keygraph of any tier, and the size of the largest.
     #[must_use]
     pub fn occupancy(&self) -> (usize, usize) {
-        let sizes = || (0..CELLS).map(|c| self.cell(c).len());
+        let entry = |tier, cell| self.index_entry(CELLS * tier + cell);
+        let tiers = usize::from(self.tiers.shortlist)..self.tiers.count(self.objects());
+        let sizes = || (0..CELLS).map(|c| tiers.clone().map(|t| entry(t, c + 1) - entry(t, c)).sum::<usize>());
         (sizes().filter(|&n| n > 0).count(), sizes().max().unwrap_or(0))
     }
 }

@@ -32,7 +32,7 @@ use crate::keygraph::{CELLS, Keygraph};
 use crate::math;
 use crate::method::{Parameters, Ranking};
 use crate::model::{
-    KEY, KEYPOINT, Layout, MAX_PICTURE_SIDE, Method, NAME_BYTES, OBJECT, VERTICES, VIEW, template_bytes,
+    KEY, KEYPOINT, Layout, MAX_PICTURE_SIDE, Method, NAME_BYTES, OBJECT, Tiers, VERTICES, VIEW, template_bytes,
 };
 use crate::pyramid::{Pyramid, PyramidView, chroma_mean, luma_mean, plane_bytes, reduce_all};
 use crate::write::{key_bytes, put_u16, put_u32, sort_cell, write_header};
@@ -263,10 +263,18 @@ impl<const LUMA: usize, const CHROMA: usize, const SIDE: usize, const CORNERS: u
         let sampling = params.method.sampling();
         let feature_bytes = sampling.bytes(params.feature);
         let no_room = |needed| TrainError::NoRoom { needed, given: out.len() };
-        let fixed = Layout::new(counts(0), feature_bytes).ok_or(no_room(usize::MAX))?.end;
-        let room = out.len().checked_sub(fixed).ok_or(no_room(fixed))? / (KEY + VERTICES + feature_bytes);
-        let kept = self.table.allot(params.max_keygraphs.min(room), params.max_per_cell);
-        let layout = Layout::new(counts(kept), feature_bytes).ok_or(no_room(usize::MAX))?;
+        let most = |tiers| {
+            let fixed = Layout::new(counts(0), tiers, feature_bytes).ok_or(no_room(usize::MAX))?.end;
+            let room = out.len().checked_sub(fixed).ok_or(no_room(fixed))? / (KEY + VERTICES + feature_bytes);
+            Ok::<_, TrainError>(params.max_keygraphs.min(room).min(self.table.total() as usize))
+        };
+        let mut tiers = Tiers { shortlist: false, second: false };
+        // A second tier pays only where it is the larger one.
+        tiers.second = most(tiers)? / 2 > rules.first_tier;
+        let first = if tiers.second { rules.first_tier } else { usize::MAX };
+        let most = most(tiers)?;
+        let kept = self.table.allot(most, params.max_per_cell, first);
+        let layout = Layout::new(counts(kept), tiers, feature_bytes).ok_or(no_room(usize::MAX))?;
         let out = &mut out[..layout.end];
         trained.keygraphs.kept = u32::try_from(kept).unwrap_or(u32::MAX);
         trained.keygraphs.dropped = trained.keygraphs.seen - trained.keygraphs.kept;
@@ -293,11 +301,11 @@ impl<const LUMA: usize, const CHROMA: usize, const SIDE: usize, const CORNERS: u
             });
         }
         self.table.write(&mut out[layout.cells..layout.keys]);
-        for c in 0..CELLS {
-            sort_cell(out, &layout, feature_bytes, self.table.range(c));
+        for slot in 0..2 * CELLS {
+            sort_cell(out, &layout, feature_bytes, self.table.range(slot));
         }
         self.write_object(out, &layout, params.name, original, (tw, th), trained.triples, keypoints);
-        write_header(out, params.method, params.feature, counts(kept));
+        write_header(out, params.method, params.feature, tiers, counts(kept));
         Ok(trained)
     }
 
@@ -550,23 +558,50 @@ fn cost(points: &[Point], [i, j, k]: [usize; 3]) -> u32 {
 #[derive(Debug)]
 struct Table {
     counts: [[u16; COSTS]; CELLS],
-    /// Where each subset starts in the model.
-    starts: [u32; CELLS + 1],
-    /// How many of each subset have been placed.
-    placed: [u32; CELLS],
-    /// How many of the cost that is kept in part have come by.
-    partial: [u16; CELLS],
+    /// Where each subset of the first tier, then each of the second, starts in the model.
+    starts: [u32; 2 * CELLS + 1],
+    /// How many of each have been placed.
+    placed: [u32; 2 * CELLS],
+    /// How many of the cost that is kept in part have come by, and of those that are kept
+    /// of the cost that is in part of the first tier.
+    partial: [[u16; 2]; CELLS],
+}
+
+/// What a number of places holds: all costs below one, and some of that one.
+#[derive(Debug)]
+struct Cut {
+    below: usize,
+    /// Places left for the cost `below`.
+    left: usize,
+    /// How many there are of it.
+    next: usize,
+}
+
+/// Whether the next of `of` things is one of the `n` evenly spread ones. Only where some
+/// but not all are, they are counted.
+fn is_one_of(n: usize, of: usize, seen: &mut u16) -> bool {
+    if n == 0 || n == of {
+        return n > 0;
+    }
+    let t = usize::from(*seen);
+    *seen = seen.saturating_add(1);
+    (t + 1) * n / of != t * n / of
 }
 
 impl Table {
     const fn new() -> Self {
-        Self { counts: [[0; COSTS]; CELLS], starts: [0; CELLS + 1], placed: [0; CELLS], partial: [0; CELLS] }
+        Self {
+            counts: [[0; COSTS]; CELLS],
+            starts: [0; 2 * CELLS + 1],
+            placed: [0; 2 * CELLS],
+            partial: [[0; 2]; CELLS],
+        }
     }
 
     fn clear(&mut self) {
         self.counts.as_flattened_mut().fill(0);
         self.placed.fill(0);
-        self.partial.fill(0);
+        self.partial.as_flattened_mut().fill(0);
     }
 
     fn count(&mut self, cell: usize, cost: u32) {
@@ -583,60 +618,68 @@ impl Table {
         self.counts[cell][..below].iter().map(|&n| usize::from(n)).sum::<usize>().min(cap)
     }
 
-    /// Shares `total` places among the subsets, cheap keygraphs first and no more
-    /// than `cap` in a subset, and says how many are taken.
-    fn allot(&mut self, total: usize, cap: usize) -> usize {
-        let all = |t: &Self, below| (0..CELLS).map(|c| t.cheaper(c, below, cap)).sum::<usize>();
+    /// Which costs fill `total` places with no more than `cap` in a subset.
+    fn cut(&self, total: usize, cap: usize) -> Cut {
+        let all = |below| (0..CELLS).map(|c| self.cheaper(c, below, cap)).sum::<usize>();
         let mut below = 0;
-        while below < COSTS && all(self, below + 1) <= total {
+        while below < COSTS && all(below + 1) <= total {
             below += 1;
         }
-        let taken = all(self, below);
-        // Of the next cost every subset gets the same fraction.
-        let (left, next) = (total - taken, if below < COSTS { all(self, below + 1) - taken } else { 0 });
-        let mut start = 0;
-        for c in 0..CELLS {
-            let sure = self.cheaper(c, below, cap);
-            let more = if below < COSTS { self.cheaper(c, below + 1, cap) - sure } else { 0 };
-            let more = (more * left).checked_div(next).unwrap_or(0);
-            self.starts[c] = start;
-            start += u32::try_from(sure + more).unwrap_or(0);
-        }
-        self.starts[CELLS] = start;
-        start as usize
+        let taken = all(below);
+        let next = if below < COSTS { all(below + 1) - taken } else { 0 };
+        Cut { below, left: total - taken, next }
     }
 
-    fn range(&self, cell: usize) -> core::ops::Range<usize> {
-        self.starts[cell] as usize..self.starts[cell + 1] as usize
+    /// How many of a subset a cut keeps: of the cost that it keeps in part every subset
+    /// gets the same fraction.
+    fn kept(&self, cell: usize, cut: &Cut, cap: usize) -> usize {
+        let sure = self.cheaper(cell, cut.below, cap);
+        let more = if cut.below < COSTS { self.cheaper(cell, cut.below + 1, cap) - sure } else { 0 };
+        sure + (more * cut.left).checked_div(cut.next).unwrap_or(0)
+    }
+
+    /// Shares `total` places among the subsets, cheap keygraphs first and no more
+    /// than `cap` in a subset, and says how many are taken. The cheapest, some `first`,
+    /// are the first tier.
+    fn allot(&mut self, total: usize, cap: usize, first: usize) -> usize {
+        let cut = self.cut(total, cap);
+        let kept = (0..CELLS).map(|c| self.kept(c, &cut, cap)).sum::<usize>();
+        let first_cut = self.cut(first.min(total), cap);
+        let mut start = 0;
+        for slot in 0..2 * CELLS {
+            let (tier, cell) = (slot / CELLS, slot % CELLS);
+            let first = self.kept(cell, &first_cut, cap);
+            let n = if tier == 0 { first } else { self.kept(cell, &cut, cap) - first };
+            self.starts[slot] = start;
+            start += u32::try_from(n).unwrap_or(0);
+        }
+        self.starts[2 * CELLS] = start;
+        kept
+    }
+
+    /// Where a subset lies: of the first tier, or [`CELLS`] on, of the second.
+    fn range(&self, slot: usize) -> core::ops::Range<usize> {
+        self.starts[slot] as usize..self.starts[slot + 1] as usize
     }
 
     /// The place of the next keygraph of this subset and cost, if it is kept. Of
-    /// the cost that is kept in part, evenly spread ones are; only those are counted.
+    /// the cost that is kept in part, evenly spread ones are; of the cost that is in
+    /// part of the first tier likewise.
     fn place(&mut self, cell: usize, cost: u32) -> Option<usize> {
-        let range = self.range(cell);
-        let n = range.len();
-        let mut sure = 0;
-        for (i, &count) in self.counts[cell].iter().enumerate() {
-            let count = usize::from(count);
-            if i == cost as usize {
-                let kept = n.saturating_sub(sure).min(count);
-                if kept == 0 {
-                    return None;
-                }
-                if kept < count {
-                    let t = usize::from(self.partial[cell]);
-                    self.partial[cell] = self.partial[cell].saturating_add(1);
-                    if (t + 1) * kept / count == t * kept / count {
-                        return None;
-                    }
-                }
-                break;
-            }
-            sure += count;
+        let [first, second] = [self.range(cell).len(), self.range(CELLS + cell).len()];
+        let counts = self.counts[cell];
+        let sure = counts[..cost as usize].iter().map(|&n| usize::from(n)).sum();
+        let kept = (first + second).saturating_sub(sure).min(counts[cost as usize].into());
+        let [seen, seen_kept] = &mut self.partial[cell];
+        if !is_one_of(kept, counts[cost as usize].into(), seen) {
+            return None;
         }
-        let at = range.start + self.placed[cell] as usize;
+        let in_first = is_one_of(first.saturating_sub(sure).min(kept), kept, seen_kept);
+        let slot = if in_first { cell } else { CELLS + cell };
+        let range = self.range(slot);
+        let at = range.start + self.placed[slot] as usize;
         (at < range.end).then(|| {
-            self.placed[cell] += 1;
+            self.placed[slot] += 1;
             at
         })
     }
@@ -717,7 +760,7 @@ mod tests {
             .flat_map(|&(c, k, n)| std::vec![(c, k); n])
             .collect();
         fed.iter().for_each(|&(c, k)| t.count(c, k));
-        assert_eq!((t.total(), t.allot(20, 12)), (44, 19));
+        assert_eq!((t.total(), t.allot(20, 12, 20)), (44, 19));
         assert_eq!((t.range(0), t.range(1), t.range(2)), (0..11, 11..19, 19..19));
         let mut taken = std::vec![0; 19];
         let mut kept = [[0; 2]; 2];
@@ -737,7 +780,7 @@ mod tests {
         // As views are walked: dear keygraphs come between those kept in part.
         let fed: std::vec::Vec<u32> = [0, 2, 2, 1, 2, 1, 0, 2, 1, 1, 2, 2].into();
         fed.iter().for_each(|&cost| t.count(0, cost));
-        assert_eq!(t.allot(4, 12), 4);
+        assert_eq!(t.allot(4, 12, 4), 4);
         let kept: std::vec::Vec<u32> = fed.into_iter().filter(|&cost| t.place(0, cost).is_some()).collect();
         assert_eq!(kept, [0, 1, 0, 1], "both of cost 0, every other of cost 1, none of cost 2");
     }

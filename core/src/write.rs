@@ -2,16 +2,16 @@
 //!
 //! In: models, or records already at their place. Out: the bytes of one model in
 //! the caller's buffer, subsets sorted, checksum set. [`pack`] merges many models
-//! into one with one index over all.
+//! into one: their tiers side by side and, where objects are many, a shortlist of all.
 //!
 //! Memory: none beyond the buffer. Cost: one pass over the bytes, and a heap sort
-//! of every subset of the partition.
+//! of every subset.
 
 use crate::feature::FeatureKind;
 use crate::keygraph::{BIN, CELLS, Key};
 use crate::model::{
-    CHECKED, HEADER, KEY, KEYPOINT, Layout, MAGIC, Method, Model, OBJECT, VERSION, VERTICES, VIEW, crc32, u16_at,
-    u32_at,
+    CHECKED, HEADER, KEY, KEYPOINT, Layout, MAGIC, Method, Model, OBJECT, Tier, Tiers, VERSION, VERTICES, VIEW, crc32,
+    u16_at, u32_at,
 };
 
 /// Why models cannot be packed into one.
@@ -56,15 +56,26 @@ impl core::fmt::Display for PackError {
 impl core::error::Error for PackError {}
 
 /// Sums of the counts of `models`, once they are known to go together.
-fn merged(models: &[Model<'_>]) -> Result<[usize; 5], PackError> {
+fn merged(models: &[Model<'_>]) -> Result<([usize; 5], Tiers), PackError> {
     let first = models.first().ok_or(PackError::Nothing)?;
     let alike = |m: &Model<'_>| m.method() == first.method() && m.feature() == first.feature();
     if let Some(index) = models.iter().position(|m| !alike(m)) {
         return Err(PackError::Different { index });
     }
-    let counts = core::array::from_fn(|i| models.iter().map(|m| m.counts()[i]).sum());
+    // The shortlist is made anew.
+    let own = |m: &Model<'_>| m.keygraphs() - if m.has_shortlist() { m.tier(Tier::Shortlist).len() } else { 0 };
+    let mut counts: [usize; 5] = core::array::from_fn(|i| models.iter().map(|m| m.counts()[i]).sum());
+    counts[3] = models.iter().map(own).sum();
+    let rules = first.method().parameters().shortlist;
+    let shortlist = rules.keygraphs > 0 && counts[0] > rules.without;
+    if shortlist {
+        let copies =
+            |(m, object, _)| (0..CELLS).map(|cell| shortlisted(m, object, cell, counts[0]).count()).sum::<usize>();
+        counts[3] += each_object(models).map(copies).sum::<usize>();
+    }
+    let tiers = Tiers { shortlist, second: models.iter().any(Model::has_second_tiers) };
     let limit = usize::from(u16::MAX);
-    if counts[0] > limit || counts[1] > limit { Err(PackError::TooMany) } else { Ok(counts) }
+    if counts[0] > limit || counts[1] > limit { Err(PackError::TooMany) } else { Ok((counts, tiers)) }
 }
 
 /// Bytes of the model that [`pack`] makes of `models`.
@@ -72,13 +83,33 @@ fn merged(models: &[Model<'_>]) -> Result<[usize; 5], PackError> {
 /// # Errors
 /// [`PackError`] when they do not go together.
 pub fn packed_len(models: &[Model<'_>]) -> Result<usize, PackError> {
-    layout(models).map(|(_, l)| l.end)
+    layout(models).map(|(.., l)| l.end)
 }
 
-fn layout(models: &[Model<'_>]) -> Result<([usize; 5], Layout), PackError> {
-    let counts = merged(models)?;
+fn layout(models: &[Model<'_>]) -> Result<([usize; 5], Tiers, Layout), PackError> {
+    let (counts, tiers) = merged(models)?;
     let bytes = models.first().map_or(0, |m| m.feature_bytes());
-    Layout::new(counts, bytes).map(|l| (counts, l)).ok_or(PackError::TooMany)
+    Layout::new(counts, tiers, bytes).map(|l| (counts, tiers, l)).ok_or(PackError::TooMany)
+}
+
+/// All objects: the model of each, its number there, and how many views come before that
+/// model's.
+fn each_object<'a, 'b>(models: &'b [Model<'a>]) -> impl Iterator<Item = (&'b Model<'a>, u16, usize)> {
+    let mut views = 0;
+    models.iter().flat_map(move |m| {
+        let before = views;
+        views += m.views();
+        (0..u16::try_from(m.objects()).unwrap_or(u16::MAX)).map(move |object| (m, object, before))
+    })
+}
+
+/// The keygraphs of a subset of an object that the shortlist of so many objects copies:
+/// evenly spread ones of its first tier.
+fn shortlisted(m: &Model<'_>, object: u16, cell: usize, objects: usize) -> impl Iterator<Item = usize> {
+    let tier = m.tier(Tier::First(object));
+    let rules = m.method().parameters().shortlist;
+    let each = tier.len().div_ceil(rules.keygraphs.min(rules.total / objects).max(1)).max(1);
+    m.cell(Tier::First(object), cell).filter(move |i| (i - tier.start).is_multiple_of(each))
 }
 
 /// Merges `models` into one at the start of `out` and says how long it is.
@@ -87,7 +118,7 @@ fn layout(models: &[Model<'_>]) -> Result<([usize; 5], Layout), PackError> {
 /// # Errors
 /// [`PackError`], with what to do about it.
 pub fn pack(models: &[Model<'_>], out: &mut [u8]) -> Result<usize, PackError> {
-    let (counts, layout) = layout(models)?;
+    let (counts, tiers, layout) = layout(models)?;
     let (Some(first), given) = (models.first(), out.len()) else { return Err(PackError::Nothing) };
     let out = out.get_mut(..layout.end).ok_or(PackError::NoRoom { needed: layout.end, given })?;
     let feature_bytes = first.feature_bytes();
@@ -120,31 +151,68 @@ pub fn pack(models: &[Model<'_>], out: &mut [u8]) -> Result<usize, PackError> {
         templates += l.end - l.templates;
     }
 
-    let mut start = 0;
-    for cell in 0..CELLS {
-        put_u32(out, layout.cells + 4 * cell, start);
-        let mut at = start;
-        let mut views = 0;
-        for m in models {
-            let (from, l, range) = (m.bytes(), m.layout(), m.cell(cell));
-            for ((to, each), (part, _)) in layout.parts(feature_bytes).into_iter().zip(l.parts(feature_bytes)) {
-                let source = &from[part + each * range.start..part + each * range.end];
-                out[to + each * at..][..source.len()].copy_from_slice(source);
+    let mut copied = Copied { keygraphs: 0, subsets: 0 };
+    if tiers.shortlist {
+        for cell in 0..CELLS {
+            let start = copied.keygraphs;
+            for (m, object, views) in each_object(models) {
+                for i in shortlisted(m, object, cell, counts[0]) {
+                    copied.keygraphs(m, i..i + 1, views, out, &layout);
+                }
             }
-            for i in at..at + range.len() {
-                let r = &mut out[layout.vertices + VERTICES * i..][..2];
-                let view = usize::from(u16_at(r, 0));
-                put_u16(r, 0, view + views);
-            }
-            at += range.len();
-            views += m.views();
+            sort_cell(out, &layout, feature_bytes, start..copied.keygraphs);
+            copied.subset(start, out, &layout);
         }
-        sort_cell(out, &layout, feature_bytes, start..at);
-        start = at;
     }
-    put_u32(out, layout.cells + 4 * CELLS, start);
-    write_header(out, first.method(), first.feature(), counts);
+    for (m, object, views) in each_object(models) {
+        for tier in [Tier::First(object), Tier::Second(object)].into_iter().take(1 + usize::from(tiers.second)) {
+            for cell in 0..CELLS {
+                let start = copied.keygraphs;
+                let has = m.has_second_tiers() || tier == Tier::First(object);
+                copied.keygraphs(m, if has { m.cell(tier, cell) } else { 0..0 }, views, out, &layout);
+                copied.subset(start, out, &layout);
+            }
+        }
+    }
+    put_u32(out, layout.cells + 4 * copied.subsets, copied.keygraphs);
+    write_header(out, first.method(), first.feature(), tiers, counts);
     Ok(out.len())
+}
+
+/// How much of the keygraphs and of their index [`pack`] has written.
+struct Copied {
+    keygraphs: usize,
+    subsets: usize,
+}
+
+impl Copied {
+    /// Appends keygraphs of `m`, whose views are counted from `views` on.
+    fn keygraphs(
+        &mut self,
+        m: &Model<'_>,
+        range: core::ops::Range<usize>,
+        views: usize,
+        out: &mut [u8],
+        layout: &Layout,
+    ) {
+        let (at, feature_bytes) = (self.keygraphs, m.feature_bytes());
+        for ((to, each), (part, _)) in layout.parts(feature_bytes).into_iter().zip(m.layout().parts(feature_bytes)) {
+            let source = &m.bytes()[part + each * range.start..part + each * range.end];
+            out[to + each * at..][..source.len()].copy_from_slice(source);
+        }
+        self.keygraphs += range.len();
+        for i in at..self.keygraphs {
+            let r = &mut out[layout.vertices + VERTICES * i..][..2];
+            let view = usize::from(u16_at(r, 0));
+            put_u16(r, 0, view + views);
+        }
+    }
+
+    /// Appends a subset to the index: the keygraphs from `start` on.
+    fn subset(&mut self, start: usize, out: &mut [u8], layout: &Layout) {
+        put_u32(out, layout.cells + 4 * self.subsets, start);
+        self.subsets += 1;
+    }
 }
 
 pub(crate) fn put_u16(r: &mut [u8], at: usize, v: usize) {
@@ -201,7 +269,7 @@ pub(crate) fn sort_cell(out: &mut [u8], layout: &Layout, feature_bytes: usize, r
 }
 
 /// Writes the header, and last the checksum over everything behind it.
-pub(crate) fn write_header(out: &mut [u8], method: Method, feature: FeatureKind, counts: [usize; 5]) {
+pub(crate) fn write_header(out: &mut [u8], method: Method, feature: FeatureKind, tiers: Tiers, counts: [usize; 5]) {
     out[..4].copy_from_slice(&MAGIC);
     put_u16(out, 4, usize::from(VERSION));
     put_u16(out, 6, HEADER);
@@ -215,7 +283,7 @@ pub(crate) fn write_header(out: &mut [u8], method: Method, feature: FeatureKind,
         FeatureKind::Luma => 2,
         FeatureKind::Both => 3,
     };
-    put_u16(out, 18, 0);
+    put_u16(out, 18, tiers.bits().into());
     for (i, n) in counts.into_iter().enumerate() {
         put_u32(out, 20 + 4 * i, n);
     }

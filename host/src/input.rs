@@ -65,6 +65,36 @@ pub struct SourceFrame {
     pub picture: Result<Picture>,
 }
 
+/// A frame, or the picture that it has yet to be decoded from.
+#[derive(Debug)]
+pub enum Pending {
+    /// A picture on disk.
+    Still(PathBuf),
+    /// What is there already.
+    Frame(SourceFrame),
+}
+
+impl Pending {
+    /// Source, index and kind of the frame.
+    #[must_use]
+    pub fn place(&self) -> (String, u64, Kind) {
+        match self {
+            Self::Frame(f) => (f.source.clone(), f.frame, f.kind),
+            Self::Still(path) => (path.display().to_string(), 0, Kind::Still),
+        }
+    }
+
+    /// The frame; a picture is decoded for it.
+    #[must_use]
+    pub fn read(self) -> SourceFrame {
+        let (source, frame, kind) = self.place();
+        match self {
+            Self::Frame(frame) => frame,
+            Self::Still(path) => SourceFrame { source, frame, kind, picture: read_picture(&path) },
+        }
+    }
+}
+
 // ---------------------------------------------------------------- the inputs
 
 /// All frames of all inputs, in the order given.
@@ -118,24 +148,18 @@ impl Source {
     pub fn len_hint(&self) -> Option<u64> {
         self.len
     }
-}
 
-impl Iterator for Source {
-    type Item = SourceFrame;
-
-    fn next(&mut self) -> Option<SourceFrame> {
+    /// The next frame; pictures are left to be decoded by who wants them.
+    pub fn next_pending(&mut self) -> Option<Pending> {
         loop {
             if let Some(video) = &mut self.video {
                 if let Some(frame) = video.next() {
-                    return Some(frame);
+                    return Some(Pending::Frame(frame));
                 }
                 self.video = None;
             }
             let (path, kind, picture) = match self.waiting.pop_front()? {
-                Input::Still(path) => {
-                    let picture = read_picture(&path);
-                    (path, Kind::Still, picture)
-                }
+                Input::Still(path) => return Some(Pending::Still(path)),
                 Input::Unreadable(path, error) => (path, Kind::Still, Err(error)),
                 Input::Video(path) => match Video::open(&path) {
                     Ok(video) => {
@@ -145,8 +169,17 @@ impl Iterator for Source {
                     Err(error) => (path, Kind::Video { fps: UNKNOWN_FPS }, Err(error)),
                 },
             };
-            return Some(SourceFrame { source: path.display().to_string(), frame: 0, kind, picture });
+            let source = path.display().to_string();
+            return Some(Pending::Frame(SourceFrame { source, frame: 0, kind, picture }));
         }
+    }
+}
+
+impl Iterator for Source {
+    type Item = SourceFrame;
+
+    fn next(&mut self) -> Option<SourceFrame> {
+        self.next_pending().map(Pending::read)
     }
 }
 

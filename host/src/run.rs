@@ -18,7 +18,7 @@ use keygraph_core::frame::PixelFormat;
 use keygraph_core::model::Model;
 
 use crate::annotate::{Canvas, Outline, colour, draw_axes, draw_corners, draw_label, draw_outline, draw_triangles};
-use crate::input::{Kind, Picture, Source, SourceFrame};
+use crate::input::{Kind, Pending, Picture, Source, SourceFrame};
 use crate::pose::Calibration;
 use crate::search::{Found, MAX_THREADS, Profile, Request, search_for};
 use crate::trail::Trail;
@@ -88,7 +88,7 @@ pub fn run(
     mut each: impl FnMut(Outcome) -> Result<()>,
 ) -> Result<()> {
     let threads = if options.track { 1 } else { options.threads.clamp(1, MAX_THREADS) };
-    let (jobs, queue) = channel::<(u64, SourceFrame)>();
+    let (jobs, queue) = channel::<(u64, Pending)>();
     let queue = Mutex::new(queue);
     let (done, outcomes) = channel();
     // A frame is read when there is a permit for it; it comes back with the outcome.
@@ -99,9 +99,10 @@ pub fn run(
     }
     thread::scope(|scope| {
         scope.spawn(move || {
-            // A thread of its own, since a live source makes its reader wait.
+            // A thread of its own, since a live source makes its reader wait; pictures are
+            // decoded by who searches them.
             for (index, ()) in (0..).zip(permits) {
-                let Some(frame) = source.next() else { return };
+                let Some(frame) = source.next_pending() else { return };
                 if jobs.send((index, frame)).is_err() {
                     return;
                 }
@@ -149,17 +150,19 @@ fn sequence(source: &str, kind: Kind, size: (u32, u32)) -> Sequence {
 
 /// [`search_one`], with a panic turned into an error of this frame alone.
 fn search_safely(
-    frame: SourceFrame,
+    frame: Pending,
     model: &Model<'_>,
     options: &Options<'_>,
     slot: usize,
     trail: &mut Option<Trail<Sequence>>,
 ) -> Outcome {
-    let (source, index, kind) = (frame.source.clone(), frame.frame, frame.kind);
-    catch_unwind(AssertUnwindSafe(|| search_one(frame, model, options, slot, trail.as_mut()))).unwrap_or_else(|_| {
-        let result = Err(anyhow!("{source}, frame {index}: the search failed; please report this frame"));
-        Outcome { source, frame: index, kind, result }
-    })
+    let (source, index, kind) = frame.place();
+    catch_unwind(AssertUnwindSafe(|| search_one(frame.read(), model, options, slot, trail.as_mut()))).unwrap_or_else(
+        |_| {
+            let result = Err(anyhow!("{source}, frame {index}: the search failed; please report this frame"));
+            Outcome { source, frame: index, kind, result }
+        },
+    )
 }
 
 fn search_one(

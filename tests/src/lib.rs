@@ -118,8 +118,8 @@ impl Sections {
     pub const VIEW: usize = 44;
     /// Bytes of a keypoint record.
     pub const KEYPOINT: usize = 4;
-    /// Entries of the subset table: one more than there are subsets.
-    pub const CELLS: usize = 865;
+    /// Subsets of a tier.
+    pub const CELLS: usize = 864;
     /// Bytes of a key record.
     pub const KEY: usize = 5;
     /// Bytes of a vertex record.
@@ -141,7 +141,9 @@ impl Sections {
         let views = objects + Self::OBJECT * count(0);
         let keypoints = views + Self::VIEW * count(1);
         let cells = keypoints + Self::KEYPOINT * count(2);
-        let keys = cells + 4 * Self::CELLS;
+        // A shortlist, and one or two tiers an object.
+        let tiers = usize::from(model[18] & 1) + count(0) * (1 + usize::from(model[18] >> 1));
+        let keys = cells + 4 * (tiers * Self::CELLS + 1);
         let vertices = keys + Self::KEY * count(3);
         let features = vertices + Self::VERTICES * count(3);
         let templates = features + feature_bytes * count(3);

@@ -4,7 +4,7 @@
 use keygraph_core::feature::{FeatureKind, signature};
 use keygraph_core::geometry::{Homography, Point};
 use keygraph_core::keygraph::{CELLS, Keygraph};
-use keygraph_core::model::{MAGIC, Method, Model, ModelError, VERSION};
+use keygraph_core::model::{MAGIC, Method, Model, ModelError, Tier, VERSION};
 use keygraph_tests::{Sections, file, seal};
 
 fn page() -> String {
@@ -78,7 +78,7 @@ fn the_example_parses() {
 #[test]
 fn the_header_and_counts_are_the_page_s() {
     let bytes = example();
-    assert_eq!((&bytes[..4], VERSION), (&MAGIC[..], 4));
+    assert_eq!((&bytes[..4], VERSION), (&MAGIC[..], 5));
     let model = Model::parse(&bytes).unwrap();
     assert_eq!((model.method(), model.feature()), (Method::Keygraph, FeatureKind::Luma));
     assert_eq!((model.objects(), model.views(), model.keypoints(), model.keygraphs()), (1, 1, 3, 1));
@@ -127,8 +127,9 @@ fn the_keygraph_is_the_page_s_and_what_core_makes_of_its_points() {
     assert_eq!((made.key.largest, made.key.second, made.size), (54, 116, 74));
     assert!(!made.key.mirrored);
     assert_eq!(made.key.cell(), 269);
-    let occupied: Vec<usize> = (0..CELLS).filter(|&c| !model.cell(c).is_empty()).collect();
-    assert_eq!((occupied, model.cell(269)), (vec![269], 0..1));
+    let occupied: Vec<usize> = (0..CELLS).filter(|&c| !model.cell(Tier::First(0), c).is_empty()).collect();
+    assert!(!model.has_shortlist() && !model.has_second_tiers());
+    assert_eq!((occupied, model.cell(Tier::First(0), 269)), (vec![269], 0..1));
 }
 
 /// The sizes in the page's text are those of the format.
@@ -141,7 +142,6 @@ fn the_tables_are_right() {
         ("objects", Sections::OBJECT),
         ("views", Sections::VIEW),
         ("keypoints", Sections::KEYPOINT),
-        ("index", 4 * Sections::CELLS),
         ("keys", Sections::KEY),
         ("vertices", Sections::VERTICES),
     ] {
@@ -149,7 +149,8 @@ fn the_tables_are_right() {
         let told = row.split('|').nth(2).unwrap().split_whitespace().next().unwrap();
         assert_eq!(told, bytes.to_string(), "{row}");
     }
-    assert_eq!(Sections::CELLS, CELLS + 1);
+    assert_eq!(Sections::CELLS, CELLS);
+    assert!(row("| [index]").contains(&format!("{} x tiers + 4", 4 * CELLS)));
     assert_eq!(Sections::of(&example()).end, 3773);
     // The records' fields follow each other and fill the record.
     for (heading, length) in [

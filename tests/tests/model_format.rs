@@ -190,7 +190,7 @@ const CONTRADICTIONS: [Change; 44] = [
     ("feature kind", "feature kind 0", |b, _| b[17] = 0),
     ("feature kind", "feature kind 4", |b, _| b[17] = 4),
     ("header", "features of another kind", |b, _| b[17] = 1),
-    ("header", "reserved bytes", |b, _| b[18] = 1),
+    ("tiers", "tiers of no kind", |b, _| b[18] = 4),
     ("header", "a longer header", |b, _| b[6] = 44),
     ("header", "one object more", |b, _| b[20] += 1),
     ("header", "no object", |b, _| put(b, 20, &[0; 4])),
@@ -199,9 +199,10 @@ const CONTRADICTIONS: [Change; 44] = [
     ("header", "one keygraph more", |b, _| b[32] += 1),
     ("header", "no templates", |b, _| put(b, 36, &[0; 4])),
     ("counts", "the most keygraphs", |b, _| put(b, 32, &[0xff; 4])),
-    ("counts", "no object, its bytes in the templates", |b, _| {
+    ("counts", "no object, its bytes in the templates", |b, s| {
         put(b, 20, &[0; 4]);
-        let templates = read_u32(b, 36) + 56;
+        let index = (s.keys - s.cells - 4) as u32;
+        let templates = read_u32(b, 36) + 56 + index;
         put(b, 36, &templates.to_le_bytes());
     }),
     ("objects", "a name that is not UTF-8", |b, s| b[s.objects] = 0xff),
@@ -236,9 +237,8 @@ const CONTRADICTIONS: [Change; 44] = [
     ("index", "subsets that descend", |b, s| put(b, s.keys - 8, &[0; 4])),
     ("index", "a keygraph in no subset", |b, s| {
         let last = read_u32(b, s.keys - 4) - 1;
-        let from = (0..Sections::CELLS).find(|c| read_u32(b, s.cells + 4 * c) > last).unwrap();
-        for c in from..Sections::CELLS {
-            put(b, s.cells + 4 * c, &last.to_le_bytes());
+        for at in (s.cells..s.keys).step_by(4).filter(|&at| read_u32(b, at) > last).collect::<Vec<_>>() {
+            put(b, at, &last.to_le_bytes());
         }
     }),
     ("keygraphs", "a keygraph of no view", |b, s| put(b, s.vertices, &[2, 0])),

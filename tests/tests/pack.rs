@@ -9,9 +9,8 @@ use keygraph::learn::merge;
 use keygraph::search::{Profile, search};
 use keygraph_core::feature::FeatureKind;
 use keygraph_core::frame::{Frame, PixelFormat};
-use keygraph_core::geometry::area;
 use keygraph_core::keygraph::CELLS;
-use keygraph_core::model::{Method, Model};
+use keygraph_core::model::{Method, Model, Tier};
 use keygraph_core::train::{TrainParams, VgaTrainer, ViewSpec};
 use keygraph_core::write::{PackError, pack, packed_len};
 use keygraph_tests::{Sections, file, small_model};
@@ -70,11 +69,11 @@ fn key(model: &Model<'_>, i: usize) -> Vec<u8> {
     [keys.sizes, keys.angles].into_iter().chain(keys.signatures).map(|plane| plane[i]).collect()
 }
 
-/// The keygraphs of a subset, sorted; `first` is what objects are counted from.
-fn cell(model: &Model<'_>, cell: usize, first: usize) -> Vec<Content> {
+/// The keygraphs of a subset of a tier, sorted; `first` is what objects are counted from.
+fn cell(model: &Model<'_>, tier: Tier, cell: usize, first: usize) -> Vec<Content> {
     let each = model.feature_bytes();
     let mut all: Vec<Content> = model
-        .cell(cell)
+        .cell(tier, cell)
         .map(|i| {
             let (view, points) = model.keygraph(i);
             let v = model.view(view);
@@ -94,7 +93,8 @@ fn assert_holds(merged: &[u8], parts: &[Vec<u8>]) {
     assert_eq!(merged.objects(), parts.iter().map(Model::objects).sum::<usize>(), "objects");
     assert_eq!(merged.views(), parts.iter().map(Model::views).sum::<usize>(), "views");
     assert_eq!(merged.keypoints(), parts.iter().map(Model::keypoints).sum::<usize>(), "keypoints");
-    assert_eq!(merged.keygraphs(), parts.iter().map(Model::keygraphs).sum::<usize>(), "keygraphs");
+    let own = |m: &Model<'_>| m.keygraphs() - if m.has_shortlist() { m.tier(Tier::Shortlist).len() } else { 0 };
+    assert_eq!(own(&merged), parts.iter().map(own).sum::<usize>(), "keygraphs");
     assert!(parts.iter().all(|p| (p.method(), p.feature()) == (merged.method(), merged.feature())));
 
     let objects = |m: &Model<'_>| (0..m.objects()).map(|i| format!("{:?}", m.object(i))).collect::<Vec<_>>();
@@ -116,17 +116,41 @@ fn assert_holds(merged: &[u8], parts: &[Vec<u8>]) {
         first += part.objects();
     }
 
-    for c in 0..CELLS {
-        let mut expected = Vec::new();
-        let mut first = 0;
-        for part in &parts {
-            expected.extend(cell(part, c, first));
-            first += part.objects();
+    let sorted = |range: std::ops::Range<usize>| range.map(|i| key(&merged, i)).is_sorted();
+    let mut object = 0;
+    for (part, before) in parts.iter().scan(0, |n, p| Some((p, std::mem::replace(n, *n + p.objects())))) {
+        for i in 0..part.objects() {
+            for c in 0..CELLS {
+                for tier in [Tier::First, Tier::Second] {
+                    let (mine, theirs) = (tier(object), tier(i as u16));
+                    let of = |m: &Model<'_>, tier, first| match tier {
+                        Tier::Second(_) if !m.has_second_tiers() => vec![],
+                        _ => cell(m, tier, c, first),
+                    };
+                    let expected = of(part, theirs, before);
+                    assert!(of(&merged, mine, 0) == expected, "subset {c} of {mine:?} is not that of the part");
+                    assert!(
+                        expected.is_empty() || sorted(merged.cell(mine, c)),
+                        "subset {c} of {mine:?} is out of order"
+                    );
+                }
+            }
+            object += 1;
         }
-        expected.sort();
-        assert!(cell(&merged, c, 0) == expected, "the keygraphs of subset {c} are not those of the parts");
-        let range = merged.cell(c);
-        assert!(range.map(|i| key(&merged, i)).is_sorted(), "subset {c} is not in the order of its keys");
+    }
+    assert_eq!(merged.has_shortlist(), merged.objects() > 16);
+    if merged.has_shortlist() {
+        let mut of_object = vec![0; merged.objects()];
+        for c in 0..CELLS {
+            let all: Vec<_> = (0..object).flat_map(|o| cell(&merged, Tier::First(o), c, 0)).collect();
+            let listed = cell(&merged, Tier::Shortlist, c, 0);
+            assert!(listed.iter().all(|k| all.contains(k)), "subset {c} of the shortlist has others than the objects");
+            assert!(sorted(merged.cell(Tier::Shortlist, c)), "subset {c} of the shortlist is out of order");
+            for i in merged.cell(Tier::Shortlist, c) {
+                of_object[usize::from(merged.view(merged.keygraph(i).0).object)] += 1;
+            }
+        }
+        assert!(of_object.iter().all(|n| (256..=512).contains(n)), "keygraphs on the shortlist: {of_object:?}");
     }
 }
 
@@ -181,7 +205,11 @@ fn a_packed_model_can_be_packed_again() {
     assert_holds(&left, &MODELS[..]);
     assert_holds(&left, &[pair.clone(), c.clone()]);
     assert_holds(&right, &[c.clone(), a.clone(), b.clone()]);
-    assert_holds(&packed(&[pair.clone(), pair.clone()]), &[a.clone(), b.clone(), a.clone(), b.clone()]);
+    let four = packed(&[pair.clone(), pair.clone()]);
+    assert_holds(&four, &[a.clone(), b.clone(), a.clone(), b.clone()]);
+    let twenty = packed(&vec![four.clone(); 5]);
+    assert_holds(&twenty, &vec![four.clone(); 5]);
+    assert_holds(&packed(&[twenty.clone(), c.clone()]), &[twenty, c.clone()]);
 }
 
 /// Name and outline of all that a model finds in a frame of the sequence, by name.
@@ -194,11 +222,15 @@ fn found(model: &[u8], frame: &str, profile: Profile, slot: usize) -> Vec<(Strin
     all
 }
 
-/// Merged and alone, to the same place: candidates of the objects share the vote,
-/// so that the fit may start from a few other pairs, but it ends alike.
+/// Each object of a merged model is searched as if it were alone.
 #[test]
 fn the_merged_model_finds_what_the_models_find() {
     let merged = merge(&MODELS[..]).unwrap();
+    // So many that they are chosen by the shortlist.
+    let [a, b, c] = &*MODELS;
+    let mut many = vec![a, b];
+    many.resize(20, c);
+    let many = merge(&many.into_iter().cloned().collect::<Vec<_>>()).unwrap();
     for (frame, profile, objects) in [
         ("0001", Profile::Vga, &["astronaut"][..]),
         ("0017", Profile::Vga, &["astronaut", "coffee"]),
@@ -208,16 +240,10 @@ fn the_merged_model_finds_what_the_models_find() {
     ] {
         let mut alone: Vec<_> = MODELS.iter().flat_map(|m| found(m, frame, profile, 0)).collect();
         alone.sort_by(|a, b| a.0.cmp(&b.0));
-        let together = found(&merged, frame, profile, 0);
-        let names = |all: &[(String, [[f32; 2]; 4])]| all.iter().map(|d| d.0.clone()).collect::<Vec<_>>();
-        assert_eq!(names(&alone), objects, "{frame} {profile:?}: found by the models alone");
-        assert_eq!(names(&together), objects, "{frame} {profile:?}: found by the merged model");
-        for ((name, a), (_, b)) in alone.iter().zip(&together) {
-            let distance = |(a, b): (&[f32; 2], &[f32; 2])| (a[0] - b[0]).hypot(a[1] - b[1]);
-            let off = a.iter().zip(b).map(distance).fold(0.0, f32::max) / area(a).abs().sqrt();
-            println!("{frame} {profile:?} {name}: {off:.5} of its size apart");
-            assert!(off < 0.02, "{frame} {profile:?} {name}: {a:?} alone, {b:?} merged");
-        }
+        let names: Vec<_> = alone.iter().map(|d| d.0.clone()).collect();
+        assert_eq!(names, objects, "{frame} {profile:?}: found by the models alone");
+        assert_eq!(found(&merged, frame, profile, 0), alone, "{frame} {profile:?}: found by the merged model");
+        assert_eq!(found(&many, frame, profile, 0), alone, "{frame} {profile:?}: found by a shortlist");
     }
 }
 
