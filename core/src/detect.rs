@@ -9,6 +9,7 @@
 //! dropped in [`Stats`].
 
 use core::mem::size_of;
+use core::ops::Range;
 
 use heapless::{Vec, VecView};
 
@@ -299,15 +300,30 @@ pub(crate) const MAX_RATIO: f32 = 4.0;
 /// Keygraphs that are matched before their matches are verified.
 const CHUNK: usize = 16;
 
+/// The level whose pixels are three in four of all: searched last.
+const FINEST: usize = 0;
+
+/// What the search of a frame needs besides the buffers.
+struct Search<'a, 'o, F> {
+    model: &'a Model<'a>,
+    finder: &'a mut F,
+    threshold: f32,
+    /// Keygraphs of the levels above the finest, which come first.
+    coarse: usize,
+    /// Whether those of the finest are there.
+    looked_closer: bool,
+    laps: Laps<'o>,
+}
+
 /// The buffers between the stages.
 #[derive(Debug)]
 struct Stages<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAPHS: usize, const BINS: usize> {
     pyramid: Pyramid<LUMA, CHROMA>,
     corners: Vec<Corner, CORNERS>,
-    /// Keypoints of all levels, lowest level first.
+    /// Keypoints of all levels, in the order in which these are searched.
     points: Vec<Point, CORNERS>,
-    /// Where the keypoints of each level end.
-    ends: [u16; LEVELS],
+    /// Where the keypoints of each level start and end.
+    spans: [(u16, u16); LEVELS],
     triples: Vec<Triple, KEYGRAPHS>,
     keygraphs: Vec<Keygraph, KEYGRAPHS>,
     features: [Feature; KEYGRAPHS],
@@ -336,7 +352,7 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
             pyramid: Pyramid::new(),
             corners: Vec::new(),
             points: Vec::new(),
-            ends: [0; LEVELS],
+            spans: [(0, 0); LEVELS],
             triples: Vec::new(),
             keygraphs: Vec::new(),
             features: [[0; FEATURE_BYTES]; KEYGRAPHS],
@@ -357,7 +373,7 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
         self.high_water = [0; Buffer::COUNT];
         self.detections.clear();
         self.points.clear();
-        self.ends = [0; LEVELS];
+        self.spans = [(0, 0); LEVELS];
         self.keygraphs.clear();
         self.votes.clear();
     }
@@ -373,9 +389,9 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
     }
 
     /// The keypoints of a level.
-    fn range(&self, level: usize) -> core::ops::Range<usize> {
-        let start = if level == 0 { 0 } else { self.ends[level - 1] };
-        usize::from(start)..usize::from(self.ends[level])
+    fn range(&self, level: usize) -> Range<usize> {
+        let (start, end) = self.spans[level];
+        usize::from(start)..usize::from(end)
     }
 
     /// Runs the stages. None of them is inlined, so that the stack holds what one of
@@ -401,37 +417,49 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
         self.mark(Buffer::CornerRows, SCRATCH_ROWS * frame.width());
         laps.end(&mut self.stats, Output::Levels(self.pyramid.view()));
 
-        for level in 0..LEVELS {
-            self.find_keypoints(level, finder);
-            let range = self.range(level);
-            laps.end(&mut self.stats, Output::Corners(&self.points[range]));
-            self.find_triples(level, finder);
-            laps.end(&mut self.stats, Output::Triangles(&self.triples));
-            let first = self.keygraphs.len();
-            self.find_keygraphs(level, rules);
-            laps.end(&mut self.stats, Output::Keygraphs(&self.keygraphs[first..]));
+        for level in FINEST + 1..LEVELS {
+            self.find_level(level, rules, finder, &mut laps);
         }
-        self.extract_features(model);
-        let features = &self.features[..self.keygraphs.len()];
-        laps.end(&mut self.stats, Output::Features(features, model.feature_bytes()));
-        let shortlist = model.has_shortlist().then(|| self.shortlist(model, &mut laps));
-        let wanted = shortlist.as_ref().map_or(model.objects(), |objects| objects.len());
-        let mut looks = rules.shortlist.second_looks;
-        for i in 0..wanted {
-            let object = shortlist.as_ref().map_or(u16::try_from(i).unwrap_or(u16::MAX), |objects| objects[i]);
-            let second = shortlist.is_none() || looks > 0 && self.detections.is_empty();
-            let again = self.seek(model, object, second, threshold, &mut laps);
-            looks = looks.saturating_sub(usize::from(again && second));
+        self.extract_features(model, 0, &mut laps);
+        let coarse = self.keygraphs.len();
+        let mut search = Search { model, finder, threshold, coarse, looked_closer: false, laps };
+        if model.has_shortlist() {
+            self.seek_likely(&mut search);
+        } else {
+            for object in 0..model.objects() {
+                self.seek(&mut search, u16::try_from(object).unwrap_or(u16::MAX), true);
+            }
         }
         #[cfg(feature = "defmt")]
         self.log(model);
         Ok(&self.detections)
     }
 
-    /// Finds the matches of all keygraphs in a tier, and casts their votes.
-    fn search(&mut self, model: &Model<'_>, tier: Tier, laps: &mut Laps<'_>) {
-        for first in (0..self.keygraphs.len()).step_by(CHUNK) {
-            self.find_matches(model, tier, first);
+    /// Finds the keygraphs of a level.
+    fn find_level(&mut self, level: usize, rules: &Parameters, finder: &mut impl Finder, laps: &mut Laps<'_>) {
+        self.find_keypoints(level, finder);
+        let range = self.range(level);
+        laps.end(&mut self.stats, Output::Corners(&self.points[range]));
+        self.find_triples(level, finder);
+        laps.end(&mut self.stats, Output::Triangles(&self.triples));
+        let first = self.keygraphs.len();
+        self.find_keygraphs(level, rules);
+        laps.end(&mut self.stats, Output::Keygraphs(&self.keygraphs[first..]));
+    }
+
+    /// Finds the keygraphs of the finest level, unless that has been done.
+    fn look_closer(&mut self, s: &mut Search<'_, '_, impl Finder>) {
+        if !s.looked_closer {
+            s.looked_closer = true;
+            self.find_level(FINEST, s.model.method().parameters(), s.finder, &mut s.laps);
+            self.extract_features(s.model, s.coarse, &mut s.laps);
+        }
+    }
+
+    /// Finds the matches of these keygraphs in a tier, and casts their votes.
+    fn search(&mut self, model: &Model<'_>, tier: Tier, keygraphs: Range<usize>, laps: &mut Laps<'_>) {
+        for first in keygraphs.clone().step_by(CHUNK) {
+            self.find_matches(model, tier, first..keygraphs.end.min(first + CHUNK));
             laps.end(&mut self.stats, Output::Matches(&self.matches));
             let first = self.votes.len();
             self.cast_votes(model);
@@ -449,12 +477,31 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
         self.mark(Buffer::Bins, bins);
     }
 
-    /// The objects that most speaks for, heaviest candidates first.
-    fn shortlist(&mut self, model: &Model<'_>, laps: &mut Laps<'_>) -> Vec<u16, CANDIDATES> {
-        let rules = model.method().parameters();
-        self.search(model, Tier::Shortlist, laps);
+    /// Looks for the objects that most speaks for: on the coarse levels, and if none of them
+    /// is found, for those that the finest speaks for.
+    fn seek_likely(&mut self, s: &mut Search<'_, '_, impl Finder>) {
+        for finest in [false, true] {
+            if finest {
+                self.look_closer(s);
+            }
+            let keygraphs = if finest { s.coarse..self.keygraphs.len() } else { 0..s.coarse };
+            let mut looks = s.model.method().parameters().shortlist.second_looks;
+            for object in self.shortlist(s, keygraphs) {
+                let again = self.seek(s, object, looks > 0 && self.detections.is_empty());
+                looks = looks.saturating_sub(usize::from(again));
+            }
+            if !self.detections.is_empty() {
+                break;
+            }
+        }
+    }
+
+    /// The objects that these keygraphs speak most for, heaviest candidates first.
+    fn shortlist(&mut self, s: &mut Search<'_, '_, impl Finder>, keygraphs: Range<usize>) -> Vec<u16, CANDIDATES> {
+        let rules = s.model.method().parameters();
+        self.search(s.model, Tier::Shortlist, keygraphs, &mut s.laps);
         self.find_candidates(rules, 0);
-        laps.end(&mut self.stats, Output::Candidates(&self.candidates));
+        s.laps.end(&mut self.stats, Output::Candidates(&self.candidates));
         // They are cast again, and more of them.
         self.votes.clear();
         let mut objects = Vec::new();
@@ -468,31 +515,32 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
         objects
     }
 
-    /// Looks for an object: first by the keygraphs that are likeliest to be seen again. What
-    /// leaves no doubt is kept; else by all there are, if much speaks for it or `second` says
-    /// so. Says whether it had to.
-    fn seek(&mut self, model: &Model<'_>, object: u16, second: bool, threshold: f32, laps: &mut Laps<'_>) -> bool {
-        let rules = model.method().parameters();
+    /// Looks for an object where it has not been found, by more and more of the frame and the
+    /// model until nothing is left in doubt: by the keygraphs of the coarse levels, first
+    /// among those that are likeliest to be seen again, then among all; and by those of the
+    /// finest level. Where little speaks for the object, only the first is done unless
+    /// `closer` asks for more. Says whether it did the last.
+    fn seek(&mut self, s: &mut Search<'_, '_, impl Finder>, object: u16, closer: bool) -> bool {
+        let (model, rules) = (s.model, s.model.method().parameters());
         // Before them are the supporters of what has been found.
         let votes = self.votes.len();
-        self.search(model, Tier::First(object), laps);
-        self.find_candidates(rules, votes);
-        laps.end(&mut self.stats, Output::Candidates(&self.candidates));
-        let two_tiers = model.has_second_tiers();
+        let tiers = [Tier::First(object), Tier::Second(object)];
+        let tiers = &tiers[..1 + usize::from(model.has_second_tiers())];
         let FirstPass { score, weight, .. } = rules.first_pass;
-        if two_tiers {
-            self.examine(model, weight, threshold.max(score), laps);
-        } else {
-            self.examine(model, 0, threshold, laps);
+        for &tier in tiers {
+            let first = tier == Tier::First(object);
+            if first || closer && !self.has_found(object) || self.leaves_doubt(0) {
+                self.search(model, tier, 0..s.coarse, &mut s.laps);
+                self.decide(s, object, votes, weight, s.threshold.max(score));
+            }
         }
-        let again = two_tiers && (second && !self.has_found(object) || self.leaves_doubt(object, rules));
+        let again = closer && !self.has_found(object) || self.leaves_doubt(rules.first_pass.doubt);
         if again {
-            self.search(model, Tier::Second(object), laps);
-            // A keygraph counts once in a bin: its votes have to stand together.
-            sort_by_key(&mut self.votes[votes..], |v| (v.frame_keygraph, v.model_keygraph));
-            self.find_candidates(rules, votes);
-            laps.end(&mut self.stats, Output::Candidates(&self.candidates));
-            self.examine(model, 0, threshold, laps);
+            self.look_closer(s);
+            for &tier in tiers {
+                self.search(model, tier, s.coarse..self.keygraphs.len(), &mut s.laps);
+            }
+            self.decide(s, object, votes, 0, s.threshold);
         }
         if model.objects() > 1 {
             self.forget(model, object, votes);
@@ -500,14 +548,34 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
         again
     }
 
+    /// Finds the poses that most votes from `first` on speak for, and examines those of at
+    /// least a weight where nothing has been found; keeps what scores at least a threshold.
+    fn decide(
+        &mut self,
+        s: &mut Search<'_, '_, impl Finder>,
+        object: u16,
+        first: usize,
+        weight: u32,
+        threshold: f32,
+    ) {
+        // A keygraph counts once in a bin: its votes have to stand together.
+        sort_by_key(&mut self.votes[first..], |v| (v.frame_keygraph, v.model_keygraph));
+        self.find_candidates(s.model.method().parameters(), first);
+        s.laps.end(&mut self.stats, Output::Candidates(&self.candidates));
+        let Self { candidates, detections, .. } = self;
+        candidates.retain(|c| !is_found(detections, object, c.pose.centre));
+        self.examine(s.model, weight, threshold, &mut s.laps);
+    }
+
     fn has_found(&self, object: u16) -> bool {
         self.detections.iter().any(|d| d.object == object)
     }
 
-    /// Whether the object, or a copy of it, may be where it has not been found.
-    fn leaves_doubt(&self, object: u16, rules: &Parameters) -> bool {
-        let found = |at| self.detections.iter().any(|d| d.object == object && contains(&d.corners, at));
-        self.candidates.iter().any(|c| c.weight >= rules.first_pass.doubt && !found(c.pose.centre))
+    /// Whether a candidate of at least this weight may be the object last sought, or a copy of
+    /// it, where none has been found.
+    fn leaves_doubt(&self, weight: u32) -> bool {
+        let found = |c: &Candidate| is_found(&self.detections, c.object, c.pose.centre);
+        self.candidates.iter().any(|c| c.weight >= weight && !found(c))
     }
 
     /// Forgets the votes from `first` on that support nothing that has been found of their
@@ -576,6 +644,7 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
     #[inline(never)]
     fn find_keypoints(&mut self, level: usize, finder: &mut impl Finder) {
         self.corners.clear();
+        let start = self.points.len();
         let luma = self.pyramid.view().luma(level);
         if luma.width().min(luma.height()) >= 8 {
             let mut stats = finder.keypoints(luma, level, &mut self.corners);
@@ -590,7 +659,8 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
             add(stage(&mut self.stats, Stage::Corners), stats);
         }
         self.mark(Buffer::Keypoints, self.points.len());
-        self.ends[level] = u16::try_from(self.points.len()).unwrap_or(u16::MAX);
+        // Fewer than MAX_CORNERS.
+        self.spans[level] = [start, self.points.len()].map(|n| u16::try_from(n).unwrap_or(u16::MAX)).into();
     }
 
     #[inline(never)]
@@ -617,34 +687,39 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
     }
 
     #[inline(never)]
-    fn extract_features(&mut self, model: &Model<'_>) {
+    fn extract_features(&mut self, model: &Model<'_>, first: usize, laps: &mut Laps<'_>) {
         let view = self.pyramid.view();
-        for (k, f) in self.keygraphs.iter().zip(&mut self.features) {
+        for (k, f) in self.keygraphs.iter().zip(&mut self.features).skip(first) {
             let points = k.vertices.map(|v| self.points[usize::from(v)]);
             *f = extract(&view, usize::from(k.level), points, k.size, model.feature(), model.method().sampling());
         }
-        let n = count(self.keygraphs.len());
-        *stage(&mut self.stats, Stage::Features) = StageStats { seen: n, kept: n, dropped: 0 };
+        let n = count(self.keygraphs.len() - first);
+        add(stage(&mut self.stats, Stage::Features), StageStats { seen: n, kept: n, dropped: 0 });
+        let features = &self.features[first..self.keygraphs.len()];
+        laps.end(&mut self.stats, Output::Features(features, model.feature_bytes()));
     }
 
-    /// Matches the keygraphs from `first` on, as many as there is room for.
+    /// Matches these keygraphs, at most a chunk of them.
     #[inline(never)]
-    fn find_matches(&mut self, model: &Model<'_>, tier: Tier, first: usize) {
+    fn find_matches(&mut self, model: &Model<'_>, tier: Tier, chunk: Range<usize>) {
         let rules = model.method().parameters();
         let mut matching = rules.matching;
         if tier == Tier::Shortlist {
             matching.max_bits = rules.shortlist.max_bits;
         }
         self.matches.clear();
-        for i in first..self.keygraphs.len().min(first + CHUNK) {
+        let seen = count(chunk.len());
+        for i in chunk {
             let k = &self.keygraphs[i];
+            if tier.object().is_some_and(|o| is_found(&self.detections, o, self.vertices(k)[0].1)) {
+                continue;
+            }
             let id = u16::try_from(i).unwrap_or(0);
             let nearest = classify(model, tier, k, &self.features[i], &matching);
             // They fit: a keygraph has at most NEIGHBOURS of them.
             self.matches.extend(nearest.into_iter().flatten().map(|m| (id, m)));
         }
-        let seen = self.keygraphs.len().min(first + CHUNK) - first;
-        let stats = StageStats { seen: count(seen), kept: count(self.matches.len()), dropped: 0 };
+        let stats = StageStats { seen, kept: count(self.matches.len()), dropped: 0 };
         add(stage(&mut self.stats, Stage::Classify), stats);
     }
 
@@ -764,6 +839,11 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
         stats.dropped += u32::from(full);
         stats.kept = count(self.detections.len());
     }
+}
+
+/// Whether an object has been found at a place, frame px.
+fn is_found(detections: &[Detection], object: u16, at: [f32; 2]) -> bool {
+    detections.iter().any(|d| d.object == object && contains(&d.corners, at))
 }
 
 /// A candidate as it is: the paper.

@@ -90,7 +90,7 @@ const KEYGRAPH: Parameters = Parameters {
     prefixes: &[25, 35, 50, 71, 100, 141, 200, 283, 400, 450],
     scalene: Scalene { min_angle_deg: 8.0, min_difference_deg: 4.0, min_side_px: 8.0 },
     first_tier: 1024,
-    first_pass: FirstPass { score: 0.99, weight: 100, doubt: 32 },
+    first_pass: FirstPass { score: 0.99, weight: 24, doubt: 24 },
     shortlist: Shortlist {
         keygraphs: 512,
         total: 384 << 10,
@@ -123,7 +123,7 @@ const PAPER: Parameters = Parameters {
     prefixes: &[200],
     scalene: Scalene { min_angle_deg: 5.0, min_difference_deg: 5.0, min_side_px: 10.0 },
     first_tier: usize::MAX,
-    first_pass: FirstPass { score: 0.0, weight: 0, doubt: 0 },
+    first_pass: FirstPass { score: 0.0, weight: 24, doubt: 24 },
     shortlist: Shortlist {
         keygraphs: 0,
         total: 0,

@@ -171,6 +171,17 @@ pub enum Tier {
     Second(u16),
 }
 
+impl Tier {
+    /// The object whose keygraphs these are.
+    #[must_use]
+    pub const fn object(self) -> Option<u16> {
+        match self {
+            Self::Shortlist => None,
+            Self::First(object) | Self::Second(object) => Some(object),
+        }
+    }
+}
+
 /// Which tiers a model has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Tiers {
