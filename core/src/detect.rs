@@ -526,12 +526,11 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
         let votes = self.votes.len();
         let tiers = [Tier::First(object), Tier::Second(object)];
         let tiers = &tiers[..1 + usize::from(model.has_second_tiers())];
-        let FirstPass { score, weight, .. } = rules.first_pass;
         for &tier in tiers {
             let first = tier == Tier::First(object);
             if first || closer && !self.has_found(object) || self.leaves_doubt(0) {
                 self.search(model, tier, 0..s.coarse, &mut s.laps);
-                self.decide(s, object, votes, weight, s.threshold.max(score));
+                self.decide(s, object, votes, Some(&rules.first_pass));
             }
         }
         let again = closer && !self.has_found(object) || self.leaves_doubt(rules.first_pass.doubt);
@@ -540,7 +539,7 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
             for &tier in tiers {
                 self.search(model, tier, s.coarse..self.keygraphs.len(), &mut s.laps);
             }
-            self.decide(s, object, votes, 0, s.threshold);
+            self.decide(s, object, votes, None);
         }
         if model.objects() > 1 {
             self.forget(model, object, votes);
@@ -548,23 +547,16 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
         again
     }
 
-    /// Finds the poses that most votes from `first` on speak for, and examines those of at
-    /// least a weight where nothing has been found; keeps what scores at least a threshold.
-    fn decide(
-        &mut self,
-        s: &mut Search<'_, '_, impl Finder>,
-        object: u16,
-        first: usize,
-        weight: u32,
-        threshold: f32,
-    ) {
+    /// Finds the poses that most votes from `first` on speak for, and examines them where
+    /// nothing has been found; keeps only what is sure, if so asked.
+    fn decide(&mut self, s: &mut Search<'_, '_, impl Finder>, object: u16, first: usize, sure: Option<&FirstPass>) {
         // A keygraph counts once in a bin: its votes have to stand together.
         sort_by_key(&mut self.votes[first..], |v| (v.frame_keygraph, v.model_keygraph));
         self.find_candidates(s.model.method().parameters(), first);
         s.laps.end(&mut self.stats, Output::Candidates(&self.candidates));
         let Self { candidates, detections, .. } = self;
         candidates.retain(|c| !is_found(detections, object, c.pose.centre));
-        self.examine(s.model, weight, threshold, &mut s.laps);
+        self.examine(s, sure);
     }
 
     fn has_found(&self, object: u16) -> bool {
@@ -594,12 +586,14 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
         self.votes.truncate(kept);
     }
 
-    /// Grows and aligns the candidates of at least this weight, and keeps those that score
-    /// at least `threshold`.
-    fn examine(&mut self, model: &Model<'_>, weight: u32, threshold: f32, laps: &mut Laps<'_>) {
+    /// Grows and aligns the candidates, and keeps those that score enough; only what is
+    /// sure, if so asked.
+    fn examine(&mut self, s: &mut Search<'_, '_, impl Finder>, sure: Option<&FirstPass>) {
+        let (model, laps) = (s.model, &mut s.laps);
+        let threshold = sure.map_or(s.threshold, |sure| s.threshold.max(sure.score));
         for i in 0..self.candidates.len() {
             let candidate = self.candidates[i];
-            if candidate.weight < weight {
+            if sure.is_some_and(|sure| candidate.weight < sure.weight) {
                 break;
             }
             if model.method().parameters().grow {
@@ -618,7 +612,10 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
                         break;
                     }
                 }
-                if let Some(d) = best {
+                let enough = |d: &Detection| {
+                    sure.is_none_or(|s| candidate.weight >= s.heavy || d.appearance.support >= s.support)
+                };
+                if let Some(d) = best.filter(enough) {
                     let d = self.weigh_evidence(model, &map, d);
                     self.accept(d, threshold);
                 }

@@ -18,13 +18,18 @@ pub enum Ranking {
     Strength(u16),
 }
 
-/// When the first tier of an object is enough.
+/// When the coarse levels of a frame are enough. What is found there must leave no doubt,
+/// since nothing better is looked for in its place.
 #[derive(Clone, Copy, Debug)]
 pub struct FirstPass {
+    /// Least weight of a candidate that may become a detection.
+    pub weight: u32,
     /// Least score of a detection.
     pub score: f32,
-    /// Least weight of a candidate that may become one.
-    pub weight: u32,
+    /// Besides, its candidate has at least this weight,
+    pub heavy: u32,
+    /// or so many blocks of it agree: [`crate::align::Appearance::support`].
+    pub support: f32,
     /// Least weight of a candidate elsewhere that may be the object, or another copy.
     pub doubt: u32,
 }
@@ -90,7 +95,7 @@ const KEYGRAPH: Parameters = Parameters {
     prefixes: &[25, 35, 50, 71, 100, 141, 200, 283, 400, 450],
     scalene: Scalene { min_angle_deg: 8.0, min_difference_deg: 4.0, min_side_px: 8.0 },
     first_tier: 1024,
-    first_pass: FirstPass { score: 0.99, weight: 24, doubt: 24 },
+    first_pass: FirstPass { weight: 24, score: 0.99, heavy: 100, support: 16.0, doubt: 24 },
     shortlist: Shortlist {
         keygraphs: 512,
         total: 384 << 10,
@@ -123,7 +128,7 @@ const PAPER: Parameters = Parameters {
     prefixes: &[200],
     scalene: Scalene { min_angle_deg: 5.0, min_difference_deg: 5.0, min_side_px: 10.0 },
     first_tier: usize::MAX,
-    first_pass: FirstPass { score: 0.0, weight: 24, doubt: 24 },
+    first_pass: FirstPass { weight: 0, score: 0.0, heavy: 0, support: 0.0, doubt: 0 },
     shortlist: Shortlist {
         keygraphs: 0,
         total: 0,
