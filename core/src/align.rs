@@ -304,6 +304,9 @@ pub fn refine(
     refine_by(&REFINEMENTS, LEAST_SUPPORT, view, template, h, [width, height])
 }
 
+/// A step that moves no corner so far, px of its level of the template, is the last there.
+const STILL: f32 = 0.1;
+
 /// [`refine`] by these steps, with so much support at the start and after the first.
 pub(crate) fn refine_by(
     steps: &[Refinement],
@@ -331,8 +334,11 @@ pub(crate) fn refine_by(
         for _ in 0..times {
             // On the finest level steps are so small that the light of the one before will do.
             light = light.filter(|_| level == 0);
-            let Some(next) = coarse.improve(view, &g, &mut light) else { break };
+            let Some((next, moved)) = coarse.improve(view, &g, &mut light) else { break };
             g = next;
+            if moved < STILL {
+                break;
+            }
         }
         let g = g.after(&back).normalised();
         let seen = support(&g);
@@ -370,7 +376,7 @@ impl<'a> Coarse<'a> {
 
     /// One Gauss-Newton step of `g`, which maps unit coordinates to the frame. `light` is
     /// that of the step before, and is brought up to date.
-    fn improve(&self, view: &PyramidView<'_>, g: &Homography, light: &mut Option<Light>) -> Option<Homography> {
+    fn improve(&self, view: &PyramidView<'_>, g: &Homography, light: &mut Option<Light>) -> Option<(Homography, f32)> {
         let corner = |x: f32, y: f32| g.apply([x / self.side, y / self.side]);
         let [w, h] = [self.middle[0], self.middle[1]];
         let outline = [corner(-w, -h), corner(w, -h), corner(w, h), corner(-w, h)];
@@ -397,7 +403,11 @@ impl<'a> Coarse<'a> {
         let d = solve(&mut normal, 8)?;
         let step = Homography([1.0 + d[0], d[1], d[2], d[3], 1.0 + d[4], d[5], d[6], d[7], 1.0]);
         let g = g.after(&step.inverse()?).normalised();
-        g.0.iter().all(|v| v.is_finite()).then_some(g)
+        // How far that moves its corners at most, but for the square of a small number.
+        let unit_px = self.side / self.step as f32;
+        let moved =
+            [0, 3].map(|i| (d[i].abs() + d[i + 1].abs() + (d[6].abs() + d[7].abs()) / 2.0) / 2.0 + d[i + 2].abs());
+        g.0.iter().all(|v| v.is_finite()).then_some((g, unit_px * moved[0].max(moved[1])))
     }
 
     /// Looks at each inner coarse pixel that lies in the frame: what the errors under

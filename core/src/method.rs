@@ -30,8 +30,9 @@ pub struct FirstPass {
     pub heavy: u32,
     /// or so many blocks of it agree: [`crate::align::Appearance::support`].
     pub support: f32,
-    /// Least weight of a candidate elsewhere that may be the object, or another copy.
-    pub doubt: u32,
+    /// Least weight of a candidate elsewhere that may be the object, or another copy: to search
+    /// all of the model, and the finest level.
+    pub doubt: [u32; 2],
 }
 
 /// How objects are chosen where a model has many.
@@ -95,7 +96,7 @@ const KEYGRAPH: Parameters = Parameters {
     prefixes: &[25, 35, 50, 71, 100, 141, 200, 283, 400, 450],
     scalene: Scalene { min_angle_deg: 8.0, min_difference_deg: 4.0, min_side_px: 8.0 },
     first_tier: 1024,
-    first_pass: FirstPass { weight: 24, score: 0.99, heavy: 100, support: 16.0, doubt: 24 },
+    first_pass: FirstPass { weight: 24, score: 0.99, heavy: 100, support: 16.0, doubt: [12, 24] },
     shortlist: Shortlist {
         keygraphs: 512,
         total: 384 << 10,
@@ -128,7 +129,7 @@ const PAPER: Parameters = Parameters {
     prefixes: &[200],
     scalene: Scalene { min_angle_deg: 5.0, min_difference_deg: 5.0, min_side_px: 10.0 },
     first_tier: usize::MAX,
-    first_pass: FirstPass { weight: 0, score: 0.0, heavy: 0, support: 0.0, doubt: 0 },
+    first_pass: FirstPass { weight: 0, score: 0.0, heavy: 0, support: 0.0, doubt: [0, 0] },
     shortlist: Shortlist {
         keygraphs: 0,
         total: 0,

@@ -102,6 +102,7 @@ pub fn demo(assets: &Path, out: &Path) -> Result<[Tally; 2]> {
         annotate: true,
         calibration: None,
         format: None,
+        thorough: false,
         digests: false,
     };
     let mut tallies = [Tally::default(); 2];

@@ -38,6 +38,8 @@ pub struct Options<'a> {
     pub annotate: bool,
     /// The sensor that frames are turned into the format of.
     pub format: Option<PixelFormat>,
+    /// Whether to search all of each frame for all of the model.
+    pub thorough: bool,
     /// Whether to tell digests of the stages.
     pub digests: bool,
     /// Camera and widths, where poses are wanted.
@@ -174,8 +176,8 @@ fn search_one(
 ) -> Outcome {
     let SourceFrame { source, frame, kind, picture } = frame;
     let result = picture.and_then(|p| {
-        let Options { profile, threshold, annotate: details, format, digests, .. } = *options;
-        let request = Request { profile, threshold, details, format, digests };
+        let Options { profile, threshold, annotate: details, format, thorough, digests, .. } = *options;
+        let request = Request { profile, threshold, details, format, thorough, digests };
         let found = match trail {
             Some(trail) => trail.next(sequence(&source, kind, (p.width, p.height)), &p, model, &request, slot),
             None => search_for(&p, model, &request, slot),

@@ -202,6 +202,9 @@ pub struct Request {
     /// The format of the sensor that is to be stood in for; else the pixels are taken
     /// as they were decoded.
     pub format: Option<PixelFormat>,
+    /// Whether to search all of each frame for all of the model:
+    /// [`keygraph_core::detect::Detector::set_thorough`].
+    pub thorough: bool,
     /// Whether to tell digests; of what is searched alone, not of what is followed.
     pub digests: bool,
 }
@@ -210,7 +213,7 @@ impl Request {
     /// Detections alone, of pixels as they were decoded.
     #[must_use]
     pub const fn new(profile: Profile, threshold: f32) -> Self {
-        Self { profile, threshold, details: false, format: None, digests: false }
+        Self { profile, threshold, details: false, format: None, thorough: false, digests: false }
     }
 }
 
@@ -260,6 +263,7 @@ macro_rules! engine {
         impl Engine for $detector {
             fn run(&mut self, frame: &Frame<'_>, model: &Model<'_>, request: &Request) -> Result<Found, FrameError> {
                 let mut watch = Watch { start: Instant::now(), digests: request.digests.then(Digests::new) };
+                self.set_thorough(request.thorough);
                 let detections = self.detect(frame, model, request.threshold, &mut watch)?.to_vec();
                 let mut found = Found { digests: watch.digests, high_water: *self.high_water(), ..Found::new(detections, *self.stats()) };
                 if request.details {
@@ -272,6 +276,7 @@ macro_rules! engine {
 
             fn follow(&mut self, tracker: &mut Tracker, frame: &Frame<'_>, model: &Model<'_>, request: &Request) -> Result<Found, FrameError> {
                 let mut watch = Watch { start: Instant::now(), digests: None };
+                self.set_thorough(request.thorough);
                 let tracks = tracker.track(self, frame, model, request.threshold, &mut watch)?;
                 let (lost, seen): (Vec<Track>, Vec<Track>) = tracks.iter().partition(|t| t.state == State::Lost);
                 let mut found = Found::new(seen.iter().map(|t| t.detection).collect(), *tracker.stats());

@@ -8,7 +8,7 @@ use std::fmt::Write;
 use keygraph::input::{Picture, read_picture};
 use keygraph::learn::{Preset, merge, train};
 use keygraph::render::{Exposure, Pose, Print, RIGHT, Random, Scene, corner_error};
-use keygraph::search::{Profile, search};
+use keygraph::search::{Profile, Request, search_for};
 use keygraph_core::detect::{DEFAULT_THRESHOLD, Detection};
 use keygraph_core::model::Model;
 use keygraph_tests::file;
@@ -45,8 +45,9 @@ fn lay(scene: &mut Scene, picture: &Picture, pose: &Pose) -> Quad {
     scene.lay(&Print::new(picture), pose).outline(w, h)
 }
 
-fn detections(frame: &Picture, model: &Model<'_>, profile: Profile) -> Vec<Detection> {
-    search(frame, model, profile, DEFAULT_THRESHOLD, false, 0).unwrap().detections
+fn detections(frame: &Picture, model: &Model<'_>, profile: Profile, thorough: bool) -> Vec<Detection> {
+    let request = Request { thorough, ..Request::new(profile, DEFAULT_THRESHOLD) };
+    search_for(frame, model, &request, 0).unwrap().detections
 }
 
 // --------------------------------------------------------------------- sweep
@@ -96,7 +97,7 @@ fn the_sweep_comes_out_as_it_did() {
                 let mut scene = Scene::dead_leaves(640, 480, &mut random);
                 let pose = scene.somewhere(size(picture), pose, &mut random);
                 let truth = lay(&mut scene, picture, &pose);
-                let seen = detections(&scene.expose(&exposure, &mut random), &model, Profile::Vga);
+                let seen = detections(&scene.expose(&exposure, &mut random), &model, Profile::Vga, false);
                 let right = seen.iter().filter(|d| corner_error(&d.corners, &truth) < RIGHT).count();
                 found += right.min(1);
                 wrong += seen.len() - right.min(1);
@@ -134,7 +135,7 @@ fn assert_each_once(what: &str, seen: &[Detection], truth: &[(u16, Quad)]) {
     assert!(faults.is_empty(), "{what}:\n{faults}");
 }
 
-fn copies(name: &str, poses: &[Pose]) {
+fn copies(name: &str, poses: &[Pose], thorough: bool) {
     let picture = shipped(name);
     let bytes = model(&picture, name, Preset::Large);
     for seed in 0..3 {
@@ -145,7 +146,8 @@ fn copies(name: &str, poses: &[Pose]) {
             .iter()
             .map(|p| (0, lay(&mut scene, &picture, &Pose { rotation_deg: p.rotation_deg + turn, ..*p })))
             .collect();
-        let seen = detections(&scene.expose(&MILD, &mut random), &Model::parse(&bytes).unwrap(), Profile::Vga);
+        let frame = scene.expose(&MILD, &mut random);
+        let seen = detections(&frame, &Model::parse(&bytes).unwrap(), Profile::Vga, thorough);
         assert_each_once(&format!("{} copies of {name}, seed {seed}", poses.len()), &seen, &truth);
     }
 }
@@ -156,8 +158,8 @@ fn two_copies_are_both_found_and_none_doubled() {
         Pose { centre: [165.0, 230.0], side_px: 220.0, ..FRONT },
         Pose { centre: [475.0, 250.0], side_px: 210.0, rotation_deg: 100.0, tilt_deg: 20.0, ..FRONT },
     ];
-    copies("astronaut", &poses);
-    copies("coffee", &poses);
+    copies("astronaut", &poses, false);
+    copies("coffee", &poses, false);
 }
 
 #[test]
@@ -167,7 +169,18 @@ fn three_copies_are_all_found_and_none_doubled() {
         Pose { centre: [350.0, 330.0], side_px: 190.0, rotation_deg: 70.0, tilt_deg: 15.0, ..FRONT },
         Pose { centre: [520.0, 140.0], side_px: 170.0, rotation_deg: 200.0, ..FRONT },
     ];
-    copies("astronaut", &poses);
+    copies("astronaut", &poses, false);
+}
+
+/// The quick search is content with the large one.
+#[test]
+fn a_small_copy_beside_a_large_one_is_found_by_a_thorough_search() {
+    let poses = [
+        Pose { centre: [200.0, 240.0], side_px: 300.0, ..FRONT },
+        Pose { centre: [530.0, 240.0], side_px: 100.0, rotation_deg: 70.0, tilt_deg: 15.0, ..FRONT },
+    ];
+    copies("astronaut", &poses, true);
+    copies("coffee", &poses, true);
 }
 
 /// Twelve objects in one model, all in one frame, in three layouts of four columns
@@ -193,7 +206,7 @@ fn twelve_objects_in_a_frame_are_all_found_and_none_doubled() {
                 (object as u16, lay(&mut scene, &pictures[object], &pose))
             })
             .collect();
-        let seen = detections(&scene.expose(&MILD, &mut random), &model, Profile::Hd);
+        let seen = detections(&scene.expose(&MILD, &mut random), &model, Profile::Hd, false);
         assert_each_once(&format!("twelve objects, seed {seed}"), &seen, &truth);
     }
 }

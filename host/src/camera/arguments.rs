@@ -76,6 +76,9 @@ pub struct Arguments {
     /// Least score of a detection, 0 to 1
     #[arg(long, default_value_t = DEFAULT_THRESHOLD, value_parser = score)]
     pub threshold: f32,
+    /// Search all of a frame for all of the models whenever it is searched
+    #[arg(long)]
+    pub thorough: bool,
     /// Serve a page that shows what the camera sees [default address: 127.0.0.1:8080]
     #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = USUAL_ADDRESS)]
     pub web: Option<SocketAddr>,

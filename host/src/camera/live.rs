@@ -26,7 +26,7 @@ use super::shot::{Shot, Work};
 use super::slot::Slot;
 use super::tracker::{State, states};
 use crate::report::frame_line;
-use crate::search::{Found, Profile, Request};
+use crate::search::{Found, Request};
 use crate::trail::Trail;
 
 /// Frames that the frame rate is the mean of.
@@ -130,10 +130,11 @@ pub struct Outcome {
 type Sequence = (u64, (u32, u32), u32);
 
 /// Tracks objects through the frames until the slot is closed, or `each` returns false.
+/// The threshold is that of the moment, and details are told while somebody looks.
 ///
 /// # Errors
 /// What `each` returned.
-pub fn search_frames(live: &Live, profile: Profile, mut each: impl FnMut(&Outcome) -> Result<bool>) -> Result<()> {
+pub fn search_frames(live: &Live, wanted: Request, mut each: impl FnMut(&Outcome) -> Result<bool>) -> Result<()> {
     let mut rate = Rate::default();
     let mut trail = Trail::default();
     loop {
@@ -143,7 +144,7 @@ pub fn search_frames(live: &Live, profile: Profile, mut each: impl FnMut(&Outcom
         while live.models.generation() == merged.generation {
             let Some(captured) = live.frames.take() else { return Ok(()) };
             let details = live.is_watched() && live.wants_details();
-            let request = Request { details, ..Request::new(profile, live.threshold()) };
+            let request = Request { details, threshold: live.threshold(), ..wanted };
             let found = match look_at(&captured, model.as_ref(), merged.generation, &mut trail, &request) {
                 Ok(found) => found,
                 Err(error) => {

@@ -62,7 +62,7 @@ use keygraph_core::detect::DEFAULT_THRESHOLD;
 use tracing::level_filters::LevelFilter;
 
 use crate::input::Picture;
-use crate::search::Profile;
+use crate::search::{Profile, Request};
 use arguments::{Arguments, Lesson};
 use lesson::{Errand, Learned, Plan, learn};
 use live::{Live, Outcome, search_frames};
@@ -113,7 +113,8 @@ pub fn camera(arguments: &Arguments) -> Result<()> {
 
     let mut left = arguments.frames;
     let mut diary = Diary::default();
-    let searched = search_frames(&live, arguments.profile, |outcome| {
+    let wanted = Request { thorough: arguments.thorough, ..Request::new(arguments.profile, arguments.threshold) };
+    let searched = search_frames(&live, wanted, |outcome| {
         diary.note(outcome);
         if let Some(publisher) = &mut publisher {
             publisher.take(outcome);
@@ -152,7 +153,7 @@ pub fn learn_from_camera(lesson: &Lesson, name: String, output: &Path, plan: &Pl
     let page = Page { address: lesson.web, token: lesson.token.clone(), school };
     let session = Session::start(&lesson.origin, &live, Some(page), None)?;
     tracing::info!("open it, hold the object up, and press \"Learn an object\"");
-    let searched = search_frames(&live, Profile::Vga, |_| Ok(true));
+    let searched = search_frames(&live, Request::new(Profile::Vga, DEFAULT_THRESHOLD), |_| Ok(true));
     let ended = session.end();
     learned.try_recv().or_else(|_| ended.and(searched).and(Err(anyhow!(STOPPED))))
 }
