@@ -535,37 +535,38 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
 
     /// Looks for an object where it has not been found, by more and more of the frame and the
     /// model until nothing is left in doubt: by the keygraphs of the coarse levels, first
-    /// among those that are likeliest to be seen again, then among all; and by those of the
-    /// finest level. Where little speaks for the object, only the first is done unless
-    /// `closer` asks for more. Says whether it did the last.
+    /// among those that are likeliest to be seen again, then among the others; then by those
+    /// of the finest level. Where little speaks for the object, only the first is done unless
+    /// `closer` asks for more. Says whether it looked at the finest level.
     fn seek(&mut self, s: &mut Search<'_, '_, impl Finder>, object: u16, closer: bool) -> bool {
         let (model, rules) = (s.model, s.model.method().parameters());
         // Before them are the supporters of what has been found.
         let votes = self.votes.len();
-        let tiers = [Tier::First(object), Tier::Second(object)];
-        let tiers = &tiers[..1 + usize::from(model.has_second_tiers())];
-        let FirstPass { doubt, .. } = rules.first_pass;
-        for &tier in tiers {
-            let first = tier == Tier::First(object);
-            if first || s.wish.thorough || closer && !self.has_found(object) || self.leaves_doubt(doubt[0]) {
-                self.search(model, tier, 0..s.coarse, &mut s.laps);
-                if !s.wish.thorough {
-                    self.decide(s, object, votes, Some(&rules.first_pass));
-                }
+        let [first, second] = [Tier::First(object), Tier::Second(object)];
+        let steps = [(false, first), (false, second), (true, first), (true, second)];
+        let steps = steps.into_iter().filter(|&(_, tier)| tier == first || model.has_second_tiers());
+        let mut closest = false;
+        for (i, (finest, tier)) in steps.enumerate() {
+            let doubt = rules.first_pass.doubt[usize::from(finest)];
+            let go_on = s.wish.thorough || closer && !self.has_found(object) || self.leaves_doubt(doubt);
+            if i > 0 && !go_on {
+                break;
             }
-        }
-        let again = s.wish.thorough || closer && !self.has_found(object) || self.leaves_doubt(doubt[1]);
-        if again {
-            self.look_closer(s);
-            for &tier in tiers {
-                self.search(model, tier, s.coarse..self.keygraphs.len(), &mut s.laps);
+            if finest {
+                self.look_closer(s);
+                closest = true;
             }
-            self.decide(s, object, votes, None);
+            let keygraphs = if finest { s.coarse..self.keygraphs.len() } else { 0..s.coarse };
+            self.search(model, tier, keygraphs, &mut s.laps);
+            let last = finest && (tier == second || !model.has_second_tiers());
+            if last || !s.wish.thorough {
+                self.decide(s, object, votes, (!last).then_some(&rules.first_pass));
+            }
         }
         if model.objects() > 1 {
             self.forget(model, object, votes);
         }
-        again
+        closest
     }
 
     /// Finds the poses that most votes from `first` on speak for, and examines them where

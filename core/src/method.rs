@@ -96,7 +96,7 @@ const KEYGRAPH: Parameters = Parameters {
     prefixes: &[25, 35, 50, 71, 100, 141, 200, 283, 400, 450],
     scalene: Scalene { min_angle_deg: 8.0, min_difference_deg: 4.0, min_side_px: 8.0 },
     first_tier: 1024,
-    first_pass: FirstPass { weight: 24, score: 0.99, heavy: 100, support: 16.0, doubt: [12, 24] },
+    first_pass: FirstPass { weight: 12, score: 0.99, heavy: 100, support: 16.0, doubt: [12, 24] },
     shortlist: Shortlist {
         keygraphs: 512,
         total: 384 << 10,
