@@ -2,7 +2,12 @@
 //!
 //! In: interleaved bytes, one or more a pixel. Out: a smaller picture in the
 //! caller's buffer, each pixel the mean of the area that it covers (so that
-//! nothing aliases), in integers. Memory: none. Cost: one pass over the source.
+//! nothing aliases), in integers. Memory: 2 KB of stack. Cost: one pass over the source.
+
+use core::ops::Range;
+
+/// Sums of columns that are held at once.
+const TILE: usize = 512;
 
 /// Scales `source`, of `from` (width, height) px with `C` bytes a pixel, down to
 /// `to` px.
@@ -10,66 +15,97 @@
 /// # Panics
 /// When a buffer is shorter than its size says, or `to` has a zero side.
 pub fn shrink<const C: usize>(source: &[u8], from: (usize, usize), target: &mut [u8], to: (usize, usize)) {
+    let mut tile = [0u32; TILE];
     let rows = target[..to.0 * to.1 * C].as_chunks_mut::<C>().0.chunks_exact_mut(to.0);
-    for (y, row) in rows.enumerate() {
-        let (y0, y1) = span(y, from.1, to.1);
-        for (x, pixel) in row.iter_mut().enumerate() {
-            let (x0, x1) = span(x, from.0, to.0);
-            let columns = x0 >> 8..(x1 + 255) >> 8;
-            let mut sums = [0u64; C];
-            for sy in y0 >> 8..(y1 + 255) >> 8 {
-                let line = source[sy * from.0 * C..][..from.0 * C].as_chunks::<C>().0;
-                let part = weighted(&line[columns.clone()], columns.start, x0, x1);
-                let wy = u64::from(covered(sy, y0, y1));
-                for (s, p) in sums.iter_mut().zip(part) {
-                    *s += wy * u64::from(p);
+    let least = 256 * from.0 / to.0;
+    for (row, ys) in rows.zip(spans(from.1, to.1)) {
+        let weights = [0, 1].map(|more| Weight::new(least + more, ys.len()));
+        let mut pixels = row.iter_mut().zip(spans(from.0, to.0)).peekable();
+        let mut sums = [0u64; C];
+        for first in (0..from.0).step_by(TILE / C) {
+            let end = from.0.min(first + TILE / C);
+            let columns = &mut tile[..(end - first) * C];
+            sum_columns(source, from.0 * C, first * C, &ys, columns);
+            // The pixel that goes on in the next tile is looked at there again.
+            while let Some((pixel, xs)) = pixels.peek_mut() {
+                add(&mut sums, columns.as_chunks().0, first, xs.start.max(first << 8)..xs.end.min(end << 8));
+                if xs.end > end << 8 {
+                    break;
                 }
+                **pixel = weights[xs.len() - least].means(&sums);
+                sums = [0; C];
+                pixels.next();
             }
-            let weight = (x1 - x0) as u64 * (y1 - y0) as u64;
-            *pixel = sums.map(|s| u8::try_from((s + weight / 2) / weight).unwrap_or(u8::MAX));
         }
     }
 }
 
-/// Sum of a run of pixels, the first and the last by how much of them lies between
-/// `x0` and `x1`.
-fn weighted<const C: usize>(run: &[[u8; C]], start: usize, x0: usize, x1: usize) -> [u32; C] {
-    let mut inner = [0u32; C];
-    let mut sums = [0u32; C];
-    let last = run.len() - 1;
-    for p in &run[1.min(last)..last] {
-        for (s, &v) in inner.iter_mut().zip(p) {
-            *s += u32::from(v);
+/// Sums of the columns of `out`, which start at byte `at` of each row of `stride` bytes:
+/// each row by how much of it lies within `ys`.
+fn sum_columns(source: &[u8], stride: usize, at: usize, ys: &Range<usize>, out: &mut [u32]) {
+    out.fill(0);
+    for y in ys.start >> 8..ys.end.div_ceil(256) {
+        let weight = covered(y, ys);
+        for (sum, &v) in out.iter_mut().zip(&source[y * stride + at..]) {
+            // At most 256 * 255.
+            *sum += u32::from(weight * u16::from(v));
         }
     }
-    let ends: &[usize] = if last == 0 { &[0] } else { &[0, last] };
-    for &i in ends {
-        let w = covered(start + i, x0, x1);
-        for (s, &v) in sums.iter_mut().zip(&run[i]) {
-            *s += w * u32::from(v);
+}
+
+/// Adds the columns, of which the first is number `first`, that lie within `xs`.
+fn add<const C: usize>(sums: &mut [u64; C], columns: &[[u32; C]], first: usize, xs: Range<usize>) {
+    for x in xs.start >> 8..xs.end.div_ceil(256) {
+        let weight = u64::from(covered(x, &xs));
+        for (sum, &v) in sums.iter_mut().zip(&columns[x - first]) {
+            *sum += weight * u64::from(v);
         }
     }
-    for (s, i) in sums.iter_mut().zip(inner) {
-        *s += 256 * i;
+}
+
+/// A weight, and its reciprocal with 56 bits behind the point, rounded up: division takes
+/// long, and all pixels of a row have one of two weights.
+#[derive(Clone, Copy)]
+struct Weight {
+    weight: u64,
+    reciprocal: u64,
+}
+
+impl Weight {
+    fn new(width: usize, height: usize) -> Self {
+        let weight = width as u64 * height as u64;
+        Self { weight, reciprocal: (1u64 << 56).div_ceil(weight.max(1)) }
     }
-    sums
+
+    /// The sums, each at most 255 times the weight, over the weight, to the nearest.
+    #[allow(clippy::cast_possible_truncation, reason = "means of bytes")]
+    fn means<const C: usize>(self, sums: &[u64; C]) -> [u8; C] {
+        sums.map(|sum| {
+            let sum = sum + self.weight / 2;
+            let mean = (sum * self.reciprocal) >> 56;
+            // It was rounded up.
+            (mean - u64::from(mean * self.weight > sum)) as u8
+        })
+    }
 }
 
-/// What pixel `i` of `to` covers of `from`, in 1/256 px.
-const fn span(i: usize, from: usize, to: usize) -> (usize, usize) {
-    (edge(i, from, to), edge(i + 1, from, to))
+/// What each of `to` pixels covers of `from`, in 1/256 px.
+fn spans(from: usize, to: usize) -> impl Iterator<Item = Range<usize>> {
+    // Edge `i` is the whole part of `256 * from * i / to`.
+    let (whole, part) = (256 * from / to, 256 * from % to);
+    let (mut start, mut rest) = (0, 0);
+    (0..to).map(move |_| {
+        rest += part;
+        let end = start + whole + usize::from(rest >= to);
+        rest -= if rest >= to { to } else { 0 };
+        core::mem::replace(&mut start, end)..end
+    })
 }
 
-/// In 64 bits: 1280 px of a panorama of 14,000 would overflow 32.
-#[allow(clippy::cast_possible_truncation, reason = "at most 256 times `from`")]
-const fn edge(i: usize, from: usize, to: usize) -> usize {
-    (i as u64 * from as u64 * 256 / to as u64) as usize
-}
-
-/// How much of pixel `i` lies between `a` and `b`, in 1/256 px.
+/// How much of pixel `i` lies within a span, in 1/256 px.
 #[allow(clippy::cast_possible_truncation, reason = "at most 256")]
-fn covered(i: usize, a: usize, b: usize) -> u32 {
-    (b.min((i + 1) << 8) - a.max(i << 8)) as u32
+fn covered(i: usize, span: &Range<usize>) -> u16 {
+    (span.end.min((i + 1) << 8) - span.start.max(i << 8)) as u16
 }
 
 #[cfg(test)]
@@ -84,6 +120,25 @@ mod tests {
         // Three pixels into two: each covers one and a half.
         shrink::<1>(&[0, 90, 240], (3, 1), &mut out, (2, 1));
         assert_eq!(out, [30, 190]);
+    }
+
+    /// Tiles end within pixels, and pixels are wider than tiles.
+    #[test]
+    fn pixels_wider_than_a_tile_are_means_too() {
+        let source: std::vec::Vec<u8> = (0..3 * 1500usize).map(|i| (i * i / 7) as u8).collect();
+        for to in [1, 2, 7, 400, 1499, 1500] {
+            let mut out = std::vec![0; 3 * to];
+            shrink::<3>(&source, (1500, 1), &mut out, (to, 1));
+            for (i, pixel) in out.chunks(3).enumerate() {
+                let edge = |i: usize| i * 1500 * 256 / to;
+                for (c, &mean) in pixel.iter().enumerate() {
+                    let part = |x: usize| edge(i + 1).min((x + 1) * 256).saturating_sub(edge(i).max(x * 256));
+                    let sum: usize = (0..1500).map(|x| part(x) * usize::from(source[3 * x + c])).sum();
+                    let weight = edge(i + 1) - edge(i);
+                    assert_eq!(usize::from(mean), (sum + weight / 2) / weight, "pixel {i} of {to}");
+                }
+            }
+        }
     }
 
     #[test]
