@@ -315,11 +315,8 @@ fn read_learnt(words: &mut impl Iterator<Item = u32>, shot: &Shot) -> Option<(Va
 
 /// Whether this machine does the same with the frame, stage by stage.
 fn agrees(cli: &Cli, model: &Model<'_>, shot: &Shot, board: &Digests) -> Result<bool> {
-    let request = Request {
-        format: Some(cli.format.0),
-        digests: true,
-        ..Request::new(host_profile(cli.profile), cli.threshold)
-    };
+    let request =
+        Request { format: Some(cli.format.0), digests: true, ..Request::new(host_profile(cli.profile), cli.threshold) };
     let host = search_for(&shot.picture, model, &request, 0)?.digests.context("digests were asked for")?;
     let differs = Stage::ALL.into_iter().find(|&s| host.of(s) != board.of(s));
     if let Some(stage) = differs {
