@@ -304,8 +304,9 @@ pub fn refine(
     refine_by(&REFINEMENTS, LEAST_SUPPORT, view, template, h, [width, height])
 }
 
-/// A step that moves no corner so far, px of its level of the template, is the last there.
-const STILL: f32 = 0.1;
+/// A step that moves no corner so far, px of its level of the template, is the last there:
+/// on the finest level, whose place is the result, and on the others.
+const STILL: [f32; 2] = [0.02, 0.05];
 
 /// [`refine`] by these steps, with so much support at the start and after the first.
 pub(crate) fn refine_by(
@@ -336,7 +337,7 @@ pub(crate) fn refine_by(
             light = light.filter(|_| level == 0);
             let Some((next, moved)) = coarse.improve(view, &g, &mut light) else { break };
             g = next;
-            if moved < STILL {
+            if moved < STILL[level.min(1)] {
                 break;
             }
         }

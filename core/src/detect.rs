@@ -11,78 +11,38 @@
 use core::mem::size_of;
 use core::ops::Range;
 
-use heapless::{Vec, VecView};
+use heapless::Vec;
 
 use crate::align::{appearance, is_plausible, refine};
 use crate::capacity::{
     Buffer, CANDIDATES, DETECTIONS, FEATURE_BYTES, LEVELS, Room, Stage, StageStats, chroma_bytes, luma_bytes,
 };
 use crate::classify::{Match, NEIGHBOURS, classify};
-use crate::corners::{Corner, SCRATCH_ROWS, detect_corners, rank_by_radius, rank_by_strength};
-use crate::delaunay::{Triangulation, Triple, triangulate};
+use crate::corners::{Corner, SCRATCH_ROWS};
+use crate::delaunay::{Triangulation, Triple};
 use crate::detection::{Agreement, Evidence, score};
 use crate::feature::{Feature, FeatureKind, extract};
+use crate::finder::Corners;
 use crate::frame::{Frame, FrameError};
 use crate::geometry::{Homography, Point, contains};
 use crate::keygraph::{Keygraph, collect_keygraphs};
 use crate::math;
-use crate::method::{FirstPass, Parameters, Ranking};
+use crate::method::{FirstPass, Parameters};
 use crate::model::{Model, Object, Tier, View};
 use crate::observer::{Laps, add};
 use crate::pose::{MAX_CORNERS, Normalised, PRIORS, Pair, Prior, collect_pairs, count_agreeing, grow, start};
-use crate::pyramid::{Plane, Pyramid, PyramidView, to_level0};
+use crate::pyramid::{Pyramid, PyramidView, to_level0};
 use crate::sort::sort_by_key;
 use crate::verify::likeness;
 use crate::vote::{Bin, Candidate, Vote, cast, vote};
 
 pub use crate::detection::Detection;
+pub use crate::finder::Finder;
 pub use crate::observer::{Observer, Output, Stats};
 
 /// Detections below this score are not reported unless the caller asks for them: the score
 /// is a probability, and the wrong ones above it are counted in the README.
 pub const DEFAULT_THRESHOLD: f32 = 0.8;
-
-/// Where keypoints and triples of a frame come from: the framework is open to
-/// others than our corners and their triangulation.
-pub trait Finder {
-    /// Appends the keypoints of pyramid level `level` to `out`, which is empty, in
-    /// px of that level: the best first, since what does not fit is lost.
-    fn keypoints(&mut self, luma: Plane<'_, u8>, level: usize, out: &mut VecView<Corner>) -> StageStats;
-
-    /// Appends triples of indices into `points` (best first) to `out`, which is
-    /// empty and holds `KEYGRAPHS` of them; so many keygraphs are kept in all.
-    fn triples(&mut self, points: &[Point], out: &mut VecView<Triple>) -> StageStats;
-}
-
-/// Finder of Shi-Tomasi corners and nested Delaunay triangles.
-#[derive(Debug)]
-struct Corners<const SIDE: usize, const POINTS: usize> {
-    scratch: [[f32; SIDE]; SCRATCH_ROWS],
-    mesh: Triangulation<POINTS>,
-    rules: Option<&'static Parameters>,
-}
-
-impl<const SIDE: usize, const POINTS: usize> Finder for Corners<SIDE, POINTS> {
-    fn keypoints(&mut self, luma: Plane<'_, u8>, level: usize, out: &mut VecView<Corner>) -> StageStats {
-        let Some(rules) = self.rules else { return StageStats::default() };
-        let limit = rules.corner_limits[level].min(POINTS);
-        if limit == 0 {
-            return StageStats::default();
-        }
-        let scratch = self.scratch.as_flattened_mut();
-        let mut stats = detect_corners(luma, &rules.corners, scratch, out);
-        match rules.ranking {
-            Ranking::Radius => rank_by_radius(out, limit, scratch, &mut stats),
-            Ranking::Strength(apart) => rank_by_strength(out, apart, limit, &mut stats),
-        }
-        stats
-    }
-
-    fn triples(&mut self, points: &[Point], out: &mut VecView<Triple>) -> StageStats {
-        let prefixes = self.rules.map_or(&[][..], |r| r.prefixes);
-        triangulate(points, prefixes, self.mesh.workspace(), out)
-    }
-}
 
 /// Everything that a detector owns, sized at compile time. Use a profile:
 /// [`QqvgaDetector`], [`QvgaDetector`], [`VgaDetector`], [`HdDetector`].
@@ -175,11 +135,7 @@ impl<
     /// An idle detector, all zero.
     #[must_use]
     pub const fn new() -> Self {
-        Self {
-            finder: Corners { scratch: [[0.0; SIDE]; SCRATCH_ROWS], mesh: Triangulation::new(), rules: None },
-            thorough: false,
-            stages: Stages::new(),
-        }
+        Self { finder: Corners::new(), thorough: false, stages: Stages::new() }
     }
 
     /// Whether to search all of a frame for all of a model. Otherwise the search goes on only
@@ -205,7 +161,7 @@ impl<
     ) -> Result<&[Detection], FrameError> {
         self.stages.clear();
         Self::check(frame)?;
-        self.finder.rules = Some(model.method().parameters());
+        self.finder.set_rules(model.method().parameters());
         let wish = Wish { threshold, thorough: self.thorough };
         self.stages.detect(frame, model, wish, observer, &mut self.finder)
     }

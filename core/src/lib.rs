@@ -107,6 +107,7 @@ pub mod method;
 pub mod train;
 pub mod detection;
 pub mod observer;
+pub mod finder;
 pub mod detect;
 pub mod digest;
 pub mod track;

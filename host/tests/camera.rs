@@ -55,9 +55,9 @@ fn lines_of_a_replay() {
 #[test]
 fn the_newest_frame_is_searched_and_the_others_are_counted() {
     let folder = Folder::new("newest");
-    let astronaut = model(&folder, "astronaut");
-    // Faster than anything searches.
-    let arguments = ["--fps", "500", "-m", &astronaut, "--json", "--frames", "6"];
+    // Nowhere in the sequence: to search all of a frame in vain takes longer than to read one.
+    let chelsea = model(&folder, "chelsea");
+    let arguments = ["--fps", "500", "-m", &chelsea, "--json", "--frames", "6"];
     let run = keygraph(&[&["camera", "--replay", &sequence()], &arguments[..]].concat()).ended_with(0);
     let lines = run.lines();
     let of = |line: &Value, key: &str| line[key].as_u64().unwrap();
