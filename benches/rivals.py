@@ -113,9 +113,9 @@ def table(ours, rivals, found, frames):
              (f"| a plain copy of gray and RGB | | {rivals['copy of gray and RGB']:.3f} |",),
              (f"| luma and chroma (OpenCV: gray; HSV) | {stages['convert']:.2f} | "
               f"{rivals['gray']:.2f}; {rivals['HSV']:.2f} |",),
-             (f"| corners, three levels (OpenCV: goodFeaturesToTrack, one level) | {stages['corners']:.2f} | "
+             (f"| corners, of the levels searched (OpenCV: goodFeaturesToTrack, of the frame) | {stages['corners']:.2f} | "
               f"{rivals['goodFeaturesToTrack']:.2f} |",),
-             (f"| triangulation, nine nested on three levels (OpenCV: Subdiv2D of {CORNERS} points) | "
+             (f"| triangulation, nested, of the levels searched (OpenCV: Subdiv2D of {CORNERS} points) | "
               f"{stages['delaunay']:.2f} | {rivals['Subdiv2D']:.2f} |",)]
     rest = [s for s in stages if s not in ("convert", "corners", "delaunay")]
     rows += [(f"| {s} | {stages[s]:.2f} | |",) for s in rest]
