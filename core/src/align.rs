@@ -10,14 +10,15 @@
 //! Memory: some 2 KB of stack. Cost: one bilinear sample for each pixel
 //! of the template (9,216 at most).
 
-use crate::capacity::LEVELS;
-use crate::frame::{MAX_SIDE, NO_CHROMA};
+use crate::capacity::{LEVELS, TEMPLATE_SIDE};
+use crate::frame::NO_CHROMA;
 use crate::geometry::{Homography, area, is_convex};
 use crate::math;
 use crate::model::Template;
 use crate::pose::{accumulate, solve};
-use crate::pyramid::{Plane, PyramidView, interpolate, into_level, out_of_level};
+use crate::pyramid::{Plane, PyramidView, into_level, out_of_level};
 use crate::sort::sort;
+use crate::verify::{CHROMA_NOISE, Counts};
 
 /// Blocks each way.
 pub const BLOCKS: usize = 6;
@@ -46,8 +47,8 @@ pub struct Appearance {
     /// its texture runs both ways (0 for a lone edge, 1). Many blocks that agree a little,
     /// and lone edges that agree well, are what aligning makes of a wrong pose.
     pub strong: f32,
-    /// Correlation of chroma over the whole object, -1 to 1; 0 when either has
-    /// too little chroma to tell.
+    /// Correlation of chroma over the whole object, of what stands above noise, -1 to 1; 0
+    /// without chroma.
     pub chroma: f32,
 }
 
@@ -76,70 +77,148 @@ pub fn is_plausible(outline: &[[f32; 2]; 4], min_area: f32, max_ratio: f32) -> b
     })
 }
 
-/// Running sums of a correlation.
+/// Running sums of a correlation, of each of [`LANES`] columns.
 #[derive(Clone, Copy, Default)]
 struct Sums {
-    n: f32,
-    t: f32,
-    f: f32,
-    tt: f32,
-    ff: f32,
-    tf: f32,
+    n: [f32; LANES],
+    t: [f32; LANES],
+    f: [f32; LANES],
+    tt: [f32; LANES],
+    ff: [f32; LANES],
+    tf: [f32; LANES],
 }
 
 impl Sums {
-    /// Adds a pixel of the template and one of the frame.
-    fn add(&mut self, t: f32, f: f32) {
-        self.n += 1.0;
-        self.t += t;
-        self.f += f;
-        self.tt += t * t;
-        self.ff += f * f;
-        self.tf += t * f;
+    /// Adds pixels of the template and of the frame, where `seen` is 1 and not 0.
+    fn add(&mut self, t: &[f32; LANES], f: &[f32; LANES], seen: &[f32; LANES]) {
+        for i in 0..LANES {
+            let (t, f) = (t[i] * seen[i], f[i] * seen[i]);
+            self.n[i] += seen[i];
+            self.t[i] += t;
+            self.f[i] += f;
+            self.tt[i] += t * t;
+            self.ff[i] += f * f;
+            self.tf[i] += t * f;
+        }
     }
 
-    /// Mean of the template and of the frame.
-    fn means(&self) -> (f32, f32) {
-        let n = self.n.max(1.0);
-        (self.t / n, self.f / n)
+    fn total(&self) -> Moments {
+        let [n, t, f, tt, ff, tf] = [self.n, self.t, self.f, self.tt, self.ff, self.tf].map(sum);
+        let k = 1.0 / n.max(1.0);
+        let mean = [t * k, f * k];
+        Moments {
+            n,
+            mean,
+            t: tt * k - mean[0] * mean[0],
+            f: ff * k - mean[1] * mean[1],
+            tf: tf * k - mean[0] * mean[1],
+        }
     }
+}
 
+fn sum(v: [f32; LANES]) -> f32 {
+    const { assert!(LANES == 4) };
+    (v[0] + v[1]) + (v[2] + v[3])
+}
+
+/// What a correlation is made of.
+#[derive(Clone, Copy, Default)]
+struct Moments {
+    /// Pixels.
+    n: f32,
+    /// Means of the template and of the frame.
+    mean: [f32; 2],
     /// Variance of the template, variance of the frame, covariance.
-    fn moments(&self) -> (f32, f32, f32) {
-        let n = self.n.max(1.0);
-        let (t, f) = self.means();
-        (self.tt / n - t * t, self.ff / n - f * f, self.tf / n - t * f)
+    t: f32,
+    f: f32,
+    tf: f32,
+}
+
+/// The columns of each of `blocks` blocks of a row of `width`, or the rows of a height: those
+/// whose `x * blocks / width` is the block's number; but for a `margin` at both ends.
+fn block_ranges(width: usize, blocks: usize, margin: usize) -> impl Iterator<Item = core::ops::Range<usize>> {
+    let start = move |b: usize| (b * width).div_ceil(blocks).max(margin);
+    (0..blocks).map(move |b| start(b)..start(b + 1).min(width.saturating_sub(margin)))
+}
+
+/// Pixels of a row that are added up side by side.
+const LANES: usize = 4;
+
+/// What the frame shows where a row of the template lies, no number where it shows nothing;
+/// with room for whole groups from any pixel on.
+type Row = [f32; ROW];
+const ROW: usize = TEMPLATE_SIDE + LANES;
+
+/// Values from `first` on, at most `n` of them, and 1 for each that there is; or 0.
+#[inline]
+fn group(row: &Row, first: usize, n: usize) -> ([f32; LANES], [f32; LANES]) {
+    let values: [f32; LANES] = row.get(first..).and_then(|r| r.first_chunk()).copied().unwrap_or([f32::NAN; LANES]);
+    let there = |i: usize| (values[i] >= 0.0) & (i < n);
+    (
+        core::array::from_fn(|i| if there(i) { values[i] } else { 0.0 }),
+        core::array::from_fn(|i| if there(i) { 1.0 } else { 0.0 }),
+    )
+}
+
+/// A level of the template, and the level of the frame that it lies on.
+struct Overlay<'a> {
+    luma: Plane<'a, u8>,
+    plane: Plane<'a, u8>,
+    /// Px of the first to px of the second.
+    map: Homography,
+}
+
+impl Overlay<'_> {
+    /// What the frame shows where the pixels of row `y` lie.
+    fn row(&self, y: usize) -> Row {
+        let (mut xs, mut ys) = ([f32::NAN; ROW], [0.0; ROW]);
+        let n = self.luma.width().min(TEMPLATE_SIDE);
+        let (x, y, v) = (&mut xs[..n], &mut ys[..n], number(y));
+        let h = &self.map.0;
+        // What is the same along the row.
+        let [a, b, c] = [0, 3, 6].map(|i| h[i + 1] * v + h[i + 2]);
+        for i in 0..n {
+            let u = number(i);
+            let reciprocal = 1.0 / (h[6] * u + c);
+            (x[i], y[i]) = ((h[0] * u + a) * reciprocal, (h[3] * u + b) * reciprocal);
+        }
+        self.plane.sample(x, y);
+        xs
+    }
+
+    /// Correlates each of `blocks` x `blocks` blocks, but for a `margin`.
+    fn correlate(&self, blocks: usize, margin: usize) -> [Moments; BLOCKS * BLOCKS] {
+        let (w, h) = (self.luma.width(), self.luma.height());
+        let mut moments = [Moments::default(); BLOCKS * BLOCKS];
+        for (moments, ys) in moments.chunks_exact_mut(blocks).zip(block_ranges(h, blocks, margin)) {
+            let mut sums = [Sums::default(); BLOCKS];
+            for y in ys {
+                let (row, frame) = (self.luma.row(y), self.row(y));
+                for (sums, xs) in sums.iter_mut().zip(block_ranges(w, blocks, margin)) {
+                    for x in xs.clone().step_by(LANES) {
+                        let (f, seen) = group(&frame, x, xs.end - x);
+                        sums.add(&window(row, x).map(f32::from), &f, &seen);
+                    }
+                }
+            }
+            for (m, sums) in moments.iter_mut().zip(&sums) {
+                *m = sums.total();
+            }
+        }
+        moments
     }
 }
 
-/// The columns of each of `blocks` blocks of a row of `width`, or the rows of a height: those whose
-/// `x * blocks / width` is the block's number.
-fn block_columns(width: usize, blocks: usize) -> impl Iterator<Item = core::ops::Range<usize>> {
-    let start = move |b: usize| (b * width).div_ceil(blocks);
-    (0..blocks).map(move |b| start(b)..start(b + 1))
+/// Pixels of a row from `first` on; 0 beyond its end.
+fn window<const N: usize>(row: &[u8], first: usize) -> [u8; N] {
+    let rest = row.get(first..).unwrap_or_default();
+    rest.first_chunk().copied().unwrap_or_else(|| core::array::from_fn(|i| rest.get(i).copied().unwrap_or(0)))
 }
 
-/// Images of points along a row.
-struct Along {
-    start: [f32; 3],
-    step: [f32; 3],
-}
-
-impl Along {
-    /// Points `(x + i step, y)` under `h`.
-    fn new(h: &Homography, x: f32, y: f32, step: f32) -> Self {
-        let h = &h.0;
-        let row = |i: usize| h[3 * i] * x + h[3 * i + 1] * y + h[3 * i + 2];
-        Self { start: [row(0), row(1), row(2)], step: [h[0] * step, h[3] * step, h[6] * step] }
-    }
-
-    /// Image of point `i`.
-    fn at(&self, i: usize) -> [f32; 2] {
-        let i = i as f32;
-        let [x, y, w] = [0, 1, 2].map(|k| self.start[k] + i * self.step[k]);
-        let reciprocal = 1.0 / w;
-        [x * reciprocal, y * reciprocal]
-    }
+/// A coordinate of a template as a number.
+#[allow(clippy::cast_possible_truncation, clippy::cast_possible_wrap, reason = "templates are far smaller")]
+fn number(v: usize) -> f32 {
+    v as i32 as f32
 }
 
 /// The pyramid level whose pixels are about as large in the frame as those of the
@@ -156,10 +235,7 @@ fn level_for(h: &Homography, width: f32, height: f32) -> usize {
 /// wherever it is slid along another.
 fn roundness(luma: &Plane<'_, u8>, block: usize) -> f32 {
     let (w, h) = (luma.width(), luma.height());
-    let range = |size: usize, b: usize| {
-        let all = block_columns(size, BLOCKS).nth(b).unwrap_or_default();
-        all.start.max(1)..all.end.min(size - 1)
-    };
+    let range = |size: usize, b: usize| block_ranges(size, BLOCKS, 1).nth(b).unwrap_or_default();
     let (mut xx, mut xy, mut yy) = (0i32, 0i32, 0i32);
     for y in range(h, block / BLOCKS) {
         let [above, row, below] = [y - 1, y, y + 1].map(|y| luma.row(y));
@@ -194,29 +270,17 @@ impl Blocks {
         let target = level_for(&h, tw as f32, th as f32);
         let plane = view.luma(target);
         let map = into_level(target).after(&h);
-        let mut sums = [Sums::default(); BLOCKS * BLOCKS];
-        for y in 0..th {
-            let (row, along) = (luma.row(y), Along::new(&map, 0.0, y as f32, 1.0));
-            for (block, xs) in block_columns(tw, BLOCKS).enumerate() {
-                let s = &mut sums[y * BLOCKS / th * BLOCKS + block];
-                for x in xs {
-                    if let Some(f) = bilinear(&plane, along.at(x)) {
-                        s.add(f32::from(row[x]), f);
-                    }
-                }
-            }
-        }
+        let moments = Overlay { luma, plane, map }.correlate(BLOCKS, 0);
         let full = (tw * th / (BLOCKS * BLOCKS)) as f32;
         let mut blocks = Self { values: [0.0; BLOCKS * BLOCKS], places: [0; BLOCKS * BLOCKS], n: 0, inside: 0 };
-        for (place, s) in (0u8..).zip(&sums) {
-            let (t, f, tf) = s.moments();
-            if s.n < 0.6 * full {
+        for (place, m) in (0u8..).zip(&moments) {
+            if m.n < 0.6 * full {
                 continue;
             }
             blocks.inside += 1;
-            if t >= LEAST_SPREAD * LEAST_SPREAD {
+            if m.t >= LEAST_SPREAD * LEAST_SPREAD {
                 // A flat frame block correlates with nothing.
-                blocks.values[blocks.n] = tf / math::sqrt(t * f.max(4.0));
+                blocks.values[blocks.n] = m.tf / math::sqrt(m.t * m.f.max(4.0));
                 blocks.places[blocks.n] = place;
                 blocks.n += 1;
             }
@@ -369,14 +433,16 @@ impl<'a> Coarse<'a> {
         Self { luma, step: 1 << level, blocks, side, middle, size: [luma.width(), luma.height()] }
     }
 
-    /// Coordinates near 1 of the middle of coarse pixel `(x, y)`.
-    fn unit(&self, x: usize, y: usize) -> [f32; 2] {
-        let at = |v: usize, middle: f32| ((v * self.step) as f32 + (self.step as f32 - 1.0) / 2.0 - middle) / self.side;
-        [at(x, self.middle[0]), at(y, self.middle[1])]
+    /// Unit coordinates of `(x, y)`, coarse px.
+    fn unit(&self) -> Homography {
+        let step = self.step as f32;
+        let start = self.middle.map(|m| ((step - 1.0) / 2.0 - m) / self.side);
+        Homography::affine([step / self.side, 0.0, start[0], 0.0, step / self.side, start[1]])
     }
 
-    /// One Gauss-Newton step of `g`, which maps unit coordinates to the frame. `light` is
-    /// that of the step before, and is brought up to date.
+    /// One Gauss-Newton step of `g`, which maps unit coordinates to the frame; and how far it
+    /// moves a corner, coarse px. `light` is that of the step before, and is brought up to
+    /// date.
     fn improve(&self, view: &PyramidView<'_>, g: &Homography, light: &mut Option<Light>) -> Option<(Homography, f32)> {
         let corner = |x: f32, y: f32| g.apply([x / self.side, y / self.side]);
         let [w, h] = [self.middle[0], self.middle[1]];
@@ -386,16 +452,13 @@ impl<'a> Coarse<'a> {
         }
         let px2 = area(&outline) / (self.size[0] * self.size[1]) as f32;
         let level = usize::try_from(math::round(math::log2(px2) / 2.0 - 0.2)).unwrap_or(0).min(LEVELS - 1);
-        let plane = view.luma(level);
-        let at = into_level(level).after(g);
-
-        let before = light.unwrap_or_else(|| {
-            let mut dark = Moments::default();
-            self.look(&plane, &at, &DARK, &mut dark)
-        });
-        let mut moments = Moments::default();
-        *light = Some(self.look(&plane, &at, &before, &mut moments));
-        let mut normal = moments.normal;
+        let unit = self.unit();
+        let overlay =
+            Overlay { luma: self.luma, plane: view.luma(level), map: into_level(level).after(g).after(&unit) };
+        let before = light.unwrap_or_else(|| overlay.correlate(self.blocks, 1).map(Shade::new));
+        let mut normal = Normal::default();
+        *light = Some(self.look(&overlay, &unit, &before, &mut normal));
+        let Normal(mut normal) = normal;
         // Damping: a little of each direction's own curvature.
         for (i, row) in normal.iter_mut().enumerate() {
             row[i] *= if i < 6 { 1.001 } else { 1.01 };
@@ -411,67 +474,125 @@ impl<'a> Coarse<'a> {
         g.0.iter().all(|v| v.is_finite()).then_some((g, unit_px * moved[0].max(moved[1])))
     }
 
-    /// Looks at each inner coarse pixel that lies in the frame: what the errors under
-    /// this light ask for goes into `moments`, what the light is comes back.
+    /// Looks at each inner coarse pixel that lies in the frame: what the errors under this
+    /// light ask for goes into `normal`, what the light is comes back.
     #[inline(never)]
-    fn look(&self, plane: &Plane<'_, u8>, map: &Homography, light: &Light, moments: &mut Moments) -> Light {
-        let [w, h] = self.size;
-        let mut sums = [Sums::default(); BLOCKS * BLOCKS];
-        // Gradient in unit coordinates.
+    fn look(&self, overlay: &Overlay<'_>, unit: &Homography, before: &Light, normal: &mut Normal) -> Light {
+        // Gradients of unit coordinates from differences over two px.
         let per_unit = self.side / (2.0 * self.step as f32);
-        for y in 1..h.saturating_sub(1) {
-            let [left, v] = self.unit(0, y);
-            let step = self.step as f32 / self.side;
-            let along = Along::new(map, left, v, step);
-            let [above, row, below] = [y - 1, y, y + 1].map(|y| self.luma.row(y));
-            let mut line = Line::default();
-            for (block, xs) in block_columns(w, self.blocks).enumerate() {
-                let block = y * self.blocks / h * self.blocks + block;
-                let Shade { mean_t, scale_t, mean_f, scale_f, weight } = light[block];
-                for x in xs.start.max(1)..xs.end.min(w - 1) {
-                    let Some(f) = bilinear(plane, along.at(x)) else { continue };
-                    let t = f32::from(row[x]);
-                    sums[block].add(t, f);
-                    if weight >= 0.05 {
-                        let e = (f - mean_f) * scale_f - (t - mean_t) * scale_t;
-                        let gx = f32::from(i16::from(row[x + 1]) - i16::from(row[x - 1])) * (scale_t * per_unit);
-                        let gy = f32::from(i16::from(below[x]) - i16::from(above[x])) * (scale_t * per_unit);
-                        line.add(left + x as f32 * step, gx, gy, e, weight / (1.0 + e * e));
+        let [w, h] = self.size;
+        let mut light = *before;
+        let lights = light.chunks_exact_mut(self.blocks).zip(before.chunks_exact(self.blocks));
+        for (ys, (light, before)) in block_ranges(h, self.blocks, 1).zip(lights) {
+            let mut blocks = [Sums::default(); BLOCKS];
+            for y in ys {
+                let rows = [y - 1, y, y + 1].map(|y| self.luma.row(y));
+                let frame = overlay.row(y);
+                let mut line = Line::default();
+                for ((shade, sums), xs) in before.iter().zip(&mut blocks).zip(block_ranges(w, self.blocks, 1)) {
+                    for x in xs.clone().step_by(LANES) {
+                        let [above, row, below] = rows.map(|r| window::<{ LANES + 2 }>(r, x - 1));
+                        let (f, seen) = group(&frame, x, xs.end - x);
+                        let t: [f32; LANES] = core::array::from_fn(|i| f32::from(row[i + 1]));
+                        sums.add(&t, &f, &seen);
+                        if shade.weight < LEAST_WEIGHT {
+                            continue;
+                        }
+                        let k = shade.scale_t * per_unit;
+                        let (gx, gy) = (
+                            core::array::from_fn(|i| f32::from(i16::from(row[i + 2]) - i16::from(row[i])) * k),
+                            core::array::from_fn(|i| f32::from(i16::from(below[i + 1]) - i16::from(above[i + 1])) * k),
+                        );
+                        let e = core::array::from_fn(|i| f[i] * shade.scale_f - t[i] * shade.scale_t + shade.offset);
+                        let w = core::array::from_fn(|i| seen[i] * (shade.weight / (1.0 + e[i] * e[i])));
+                        let u = core::array::from_fn(|i| unit.0[0] * number(x + i) + unit.0[2]);
+                        line.add(&u, &gx, &gy, &e, &w);
                     }
                 }
+                normal.add(&line.total(), unit.0[4] * number(y) + unit.0[5]);
             }
-            moments.add(&line, v);
+            for (shade, sums) in light.iter_mut().zip(&blocks) {
+                *shade = Shade::new(sums.total());
+            }
         }
-        sums.map(|s| {
-            let (t, f, tf) = s.moments();
-            let (mean_t, mean_f) = s.means();
-            let usable = t > 4.0 && f > 1.0;
-            let correlation = if usable { tf / math::sqrt(t * f) } else { 0.0 };
-            let (scale_t, scale_f) = (1.0 / math::sqrt(t.max(1.0)), 1.0 / math::sqrt(f.max(1.0)));
-            Shade { mean_t, scale_t, mean_f, scale_f, weight: agreement(correlation) }
-        })
+        light
     }
 }
 
 /// How a block is lit in template and frame, and how much it counts.
 #[derive(Clone, Copy)]
 struct Shade {
-    mean_t: f32,
     scale_t: f32,
-    mean_f: f32,
     scale_f: f32,
+    /// What takes the one's mean to the other's, so scaled.
+    offset: f32,
     weight: f32,
 }
 
+impl Shade {
+    fn new(m: Moments) -> Self {
+        let usable = m.t > 4.0 && m.f > 1.0;
+        let correlation = if usable { m.tf / math::sqrt(m.t * m.f) } else { 0.0 };
+        let [scale_t, scale_f] = [m.t, m.f].map(|v| 1.0 / math::sqrt(v.max(1.0)));
+        let offset = m.mean[0] * scale_t - m.mean[1] * scale_f;
+        Self { scale_t, scale_f, offset, weight: agreement(correlation) }
+    }
+}
+
+/// Blocks that count less are left out.
+const LEAST_WEIGHT: f32 = 0.05;
+
 type Light = [Shade; BLOCKS * BLOCKS];
 
-/// Where nothing counts yet.
-const DARK: Light = [Shade { mean_t: 0.0, scale_t: 0.0, mean_f: 0.0, scale_f: 0.0, weight: 0.0 }; BLOCKS * BLOCKS];
-
-/// Weighted sums along a row, where v is the same: of the gradient's products `x x`, `x y`,
-/// `y y` and of its products with the error, times powers of u.
+/// Weighted sums along a row, where v is the same, of each of [`LANES`] columns: of the
+/// gradient's products `x x`, `x y`, `y y` and of its products with the error, times powers
+/// of u.
 #[derive(Default)]
 struct Line {
+    xx: [[f32; LANES]; 5],
+    xy: [[f32; LANES]; 4],
+    yy: [[f32; LANES]; 3],
+    xe: [[f32; LANES]; 3],
+    ye: [[f32; LANES]; 2],
+}
+
+impl Line {
+    /// Not inlined: sums that stay in memory are made vectors of.
+    #[inline(never)]
+    fn add(&mut self, u: &[f32; LANES], gx: &[f32; LANES], gy: &[f32; LANES], e: &[f32; LANES], w: &[f32; LANES]) {
+        let product = |a: &[f32; LANES], b: &[f32; LANES]| -> [f32; LANES] { core::array::from_fn(|i| a[i] * b[i]) };
+        let (wx, wy) = (product(w, gx), product(w, gy));
+        let u2 = product(u, u);
+        let powers = [[1.0; LANES], *u, u2, product(&u2, u), product(&u2, &u2)];
+        add_products(&mut self.xx, &powers, &product(&wx, gx));
+        add_products(&mut self.xy, &powers, &product(&wx, gy));
+        add_products(&mut self.yy, &powers, &product(&wy, gy));
+        add_products(&mut self.xe, &powers, &product(&wx, e));
+        add_products(&mut self.ye, &powers, &product(&wy, e));
+    }
+
+    fn total(&self) -> Totals {
+        Totals {
+            xx: self.xx.map(sum),
+            xy: self.xy.map(sum),
+            yy: self.yy.map(sum),
+            xe: self.xe.map(sum),
+            ye: self.ye.map(sum),
+        }
+    }
+}
+
+#[inline]
+fn add_products<const N: usize>(sums: &mut [[f32; LANES]; N], powers: &[[f32; LANES]; 5], values: &[f32; LANES]) {
+    for (sum, power) in sums.iter_mut().zip(powers) {
+        for i in 0..LANES {
+            sum[i] += power[i] * values[i];
+        }
+    }
+}
+
+/// A [`Line`] without its columns.
+struct Totals {
     xx: [f32; 5],
     xy: [f32; 4],
     yy: [f32; 3],
@@ -479,30 +600,15 @@ struct Line {
     ye: [f32; 2],
 }
 
-impl Line {
-    fn add(&mut self, u: f32, gx: f32, gy: f32, e: f32, w: f32) {
-        let (wx, wy) = (w * gx, w * gy);
-        let (u2, u3) = (u * u, u * u * u);
-        let powers = [1.0, u, u2, u3, u2 * u2];
-        accumulate(&mut self.xx, &powers, wx * gx);
-        accumulate(&mut self.xy, &powers, wx * gy);
-        accumulate(&mut self.yy, &powers, wy * gy);
-        accumulate(&mut self.xe, &powers, wx * e);
-        accumulate(&mut self.ye, &powers, wy * e);
-    }
-}
-
 /// Upper triangle of the normal equations, and their right side.
 #[derive(Default)]
-struct Moments {
-    normal: [[f32; 9]; 8],
-}
+struct Normal([[f32; 9]; 8]);
 
-impl Moments {
+impl Normal {
     /// Adds the pixels of a row. The design matrix of a pixel is `[gx u, gx v, gx, gy u,
     /// gy v, gy, -u a, -v a]` with `a = gx u + gy v`.
-    fn add(&mut self, line: &Line, v: f32) {
-        let Line { xx, xy, yy, xe, ye } = line;
+    fn add(&mut self, line: &Totals, v: f32) {
+        let Totals { xx, xy, yy, xe, ye } = line;
         // Sums of gx a, gy a, a a and a e, times powers of u.
         let xa = [0, 1, 2].map(|k| xx[k + 1] + v * xy[k]);
         let ya = [0, 1, 2].map(|k| xy[k + 1] + v * yy[k]);
@@ -518,22 +624,10 @@ impl Moments {
             [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, aa[2], v * aa[1], -ae[1]],
             [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, v * v * aa[0], -v * ae[0]],
         ];
-        for (sums, row) in self.normal.iter_mut().zip(&rows) {
+        for (sums, row) in self.0.iter_mut().zip(&rows) {
             accumulate(sums, row, 1.0);
         }
     }
-}
-
-/// Bilinear sample; `None` outside the plane.
-fn bilinear(plane: &Plane<'_, u8>, [x, y]: [f32; 2]) -> Option<f32> {
-    // Not a number is outside too.
-    if !(x >= 0.0 && y >= 0.0 && x < MAX_SIDE as f32 && y < MAX_SIDE as f32) {
-        return None;
-    }
-    #[allow(clippy::cast_possible_truncation, reason = "below MAX_SIDE")]
-    let (ix, iy) = (x as i32, y as i32);
-    let square = plane.square(ix.unsigned_abs() as usize, iy.unsigned_abs() as usize)?;
-    Some(interpolate(square, [x - ix as f32, y - iy as f32]))
 }
 
 fn chroma_correlation(view: &PyramidView<'_>, template: &Template<'_>, h: &Homography, level: usize) -> f32 {
@@ -542,24 +636,20 @@ fn chroma_correlation(view: &PyramidView<'_>, template: &Template<'_>, h: &Homog
     let source = template.chroma(0);
     // Chroma px are twice as large on both sides, so the same level fits.
     let to = into_level(level + 1).after(&h.after(&Homography::affine([2.0, 0.0, 0.5, 0.0, 2.0, 0.5])));
-    let mut sums = [Sums::default(); 2];
-    for y in 0..ch {
-        for x in 0..cw {
+    let mut sums = Counts::default();
+    // Every second pixel tells as much as it is asked for.
+    for y in (0..ch).step_by(2) {
+        for x in (0..cw).step_by(2) {
             let [u, v] = to.apply([x as f32, y as f32]);
             let inside = u >= 0.0 && v >= 0.0 && u < planes[0].width() as f32 && v < planes[0].height() as f32;
             let t = source.map(|c| c.row(y)[x].cast_signed());
             let f = planes.map(|p| p.nearest(math::round(u), math::round(v)));
             if inside && t[0] != NO_CHROMA && f[0] != NO_CHROMA {
-                for i in 0..2 {
-                    sums[i].add(f32::from(t[i]), f32::from(f[i]));
-                }
+                sums.add_pair(t.map(i32::from), f.map(i32::from));
             }
         }
     }
-    let [a, b] = sums.map(|s| s.moments());
-    let (t, f, tf) = (a.0 + b.0, a.1 + b.1, a.2 + b.2);
-    // Less than four steps of 127: noise.
-    if t < 16.0 || f < 16.0 { 0.0 } else { tf / math::sqrt(t * f) }
+    sums.correlation(CHROMA_NOISE)
 }
 
 #[cfg(test)]

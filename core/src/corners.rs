@@ -58,7 +58,7 @@ pub struct CornerParams {
     pub margin_px: usize,
 }
 
-/// The smaller eigenvalue of `[[a, b], [b, c]]`, times two, good to a millionth of
+/// The smaller eigenvalue of `[[a, b], [b, c]]`, times two, good to five millionths of
 /// the larger one.
 #[must_use]
 pub fn strength(a: f32, b: f32, c: f32) -> f32 {
@@ -264,9 +264,12 @@ fn drop_weaker_half(corners: &mut VecView<Corner>, stats: &mut StageStats) -> i3
     corners[half - 1].strength
 }
 
-/// Strongest first; of equals the one that comes first in reading order.
-fn by_strength(c: &Corner) -> (Reverse<i32>, i16, i16) {
-    (Reverse(c.strength), c.point.y, c.point.x)
+/// Strongest first; of equals the one that comes first in reading order. One number, since
+/// sorting compares little else.
+fn by_strength(c: &Corner) -> u64 {
+    let [strength, y, x] =
+        [c.strength, i32::from(c.point.y), i32::from(c.point.x)].map(i32::cast_unsigned).map(u64::from);
+    (u64::from(u32::MAX) - strength) << 32 | y << 16 | x
 }
 
 /// Lengths fit `u32`: every buffer of the core is far smaller.
@@ -319,16 +322,21 @@ pub fn rank_by_radius(corners: &mut VecView<Corner>, limit: usize, scratch: &mut
         (*x, *y) = (f32::from(c.point.x), f32::from(c.point.y));
     }
     let mut reach = Reach::new(limit);
+    let mut stronger = 0;
     for i in 0..corners.len() {
-        // Strengths fall, so the clearly stronger ones come first.
+        // Strengths fall, so the clearly stronger ones come first, and become no fewer.
         let least = i64::from(corners[i].strength) * 10;
-        let stronger = corners[..i].partition_point(|o| i64::from(o.strength) * 9 >= least);
+        while stronger < i && i64::from(corners[stronger].strength) * 9 >= least {
+            stronger += 1;
+        }
         corners[i].radius2 = nearest2([xs[i], ys[i]], &xs[..stronger], &ys[..stronger], reach.least);
         reach.add(corners[i].radius2);
     }
+    let all = corners.len();
+    corners.retain(|c| c.radius2 >= reach.least);
     sort_by_key(corners, |c| (Reverse(c.radius2), by_strength(c)));
-    stats.dropped += count(corners.len().saturating_sub(limit));
     corners.truncate(limit);
+    stats.dropped += count(all - corners.len());
     stats.kept = count(corners.len());
 }
 

@@ -187,14 +187,17 @@ impl Patch {
 
     fn luma(&self, view: &PyramidView<'_>) -> [f32; LUMA_POINTS.len()] {
         let plane = view.luma(self.level);
-        LUMA_POINTS.map(|p| plane.bilinear(self.at(p)))
+        let [mut x, mut y] =
+            [0, 1].map(|i| LUMA_POINTS.map(|[u, v]| self.middle[i] + u * self.axes[0][i] + v * self.axes[1][i]));
+        plane.sample_clamped(&mut x, &mut y);
+        x
     }
 
     fn chroma(&self, view: &PyramidView<'_>) -> [Option<[f32; 2]>; CHROMA_POINTS.len()] {
         // A plane of half the size: its level below has the px of luma here.
         let planes = view.chroma(self.level - 1);
         CHROMA_POINTS.map(|p| {
-            let [x, y] = self.at(p).map(math::round);
+            let [x, y] = self.at(p).map(math::whole);
             let v = planes.map(|c| c.nearest(x, y));
             (v[0] != NO_CHROMA).then(|| v.map(f32::from))
         })
@@ -295,8 +298,11 @@ fn write_chroma(values: &[Option<[f32; 2]>], mean: [f32; 2], scale: f32, out: &m
     }
 }
 
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "1 to 255")]
 fn byte(v: f32) -> u8 {
-    u8::try_from(i32::from(ZERO) + math::round(v).clamp(-127, 127)).unwrap_or(ZERO)
+    let v = if v > -127.0 { v } else { -127.0 };
+    let v = if v < 127.0 { v } else { 127.0 };
+    (math::whole(v) + ZERO as i32) as u8
 }
 
 #[cfg(test)]

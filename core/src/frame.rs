@@ -12,6 +12,8 @@
 //!
 //! Memory: none beyond the planes. Cost: one pass over the pixels.
 
+use crate::math;
+
 /// Value in both chroma planes where a block has no chroma (too dark, or the
 /// frame is gray).
 pub const NO_CHROMA: i8 = -128;
@@ -195,8 +197,8 @@ impl<'a> Frame<'a> {
         match self.format {
             PixelFormat::Gray8 | PixelFormat::Nv12 | PixelFormat::I420 => luma.copy_from_slice(&data[..n]),
             PixelFormat::Yuyv => luma.iter_mut().zip(data.chunks_exact(2)).for_each(|(y, p)| *y = p[0]),
-            PixelFormat::Rgb8 => luma_from_rgb(luma, data.as_chunks().0, rgb8),
-            PixelFormat::Rgb565 => luma_from_rgb(luma, data.as_chunks().0, rgb565),
+            PixelFormat::Rgb8 => luma_from_rgb8(luma, data),
+            PixelFormat::Rgb565 => luma.iter_mut().zip(data.as_chunks().0).for_each(|(y, &p)| *y = luma_of(rgb565(p))),
         }
     }
 
@@ -215,113 +217,137 @@ impl<'a> Frame<'a> {
                 a[..c].fill(NO_CHROMA);
                 b[..c].fill(NO_CHROMA);
             }
-            PixelFormat::Rgb8 => chroma_from_rgb(w, a, b, data.as_chunks().0, rgb8),
-            PixelFormat::Rgb565 => chroma_from_rgb(w, a, b, data.as_chunks().0, rgb565),
-            PixelFormat::Yuyv => {
-                let at = |x: usize, y: usize| &data[2 * (y * w + 2 * x)..][..4];
-                chroma_from_yuv(w, h, a, b, |x, y| {
-                    let (p, q) = (at(x, 2 * y), at(x, 2 * y + 1));
-                    let sum = |i: usize| i32::from(p[i]) + i32::from(q[i]);
-                    (sum(0) + sum(2), sum(1) * 2, sum(3) * 2)
-                });
-            }
+            PixelFormat::Rgb8 => fill_chroma(w, h, a, b, |y| {
+                let [top, low] = rows(data, 3 * w, y);
+                move |x| sums_of_rgb8([&top[6 * x..], &low[6 * x..]])
+            }),
+            PixelFormat::Rgb565 => fill_chroma(w, h, a, b, |y| {
+                let [top, low] = rows(data, 2 * w, y).map(|row| row.as_chunks().0);
+                move |x| {
+                    let [p, q, r, s] = [top[2 * x], top[2 * x + 1], low[2 * x], low[2 * x + 1]].map(rgb565);
+                    [0, 1, 2].map(|c| p[c] + q[c] + r[c] + s[c])
+                }
+            }),
+            PixelFormat::Yuyv => fill_chroma(w, h, a, b, |y| {
+                let [top, low] = rows(data, 2 * w, y).map(|row| row.as_chunks::<4>().0);
+                move |x| {
+                    let [y0, u, y1, v] = [0, 1, 2, 3].map(|i| i32::from(top[x][i]) + i32::from(low[x][i]));
+                    rgb_of_yuv([y0 + y1, 2 * u, 2 * v])
+                }
+            }),
             PixelFormat::Nv12 | PixelFormat::I420 => {
                 let uv = &data[n..];
                 // Distance between neighbours of one plane, and of U and V.
                 let (step, v) = if self.format == PixelFormat::Nv12 { (2, 1) } else { (1, n / 4) };
-                chroma_from_yuv(w, h, a, b, |x, y| {
-                    let i = 2 * y * w + 2 * x;
-                    let sum = [i, i + 1, i + w, i + w + 1].iter().map(|&i| i32::from(data[i])).sum();
-                    let c = (y * (w / 2) + x) * step;
-                    (sum, i32::from(uv[c]) * 4, i32::from(uv[c + v]) * 4)
+                fill_chroma(w, h, a, b, |y| {
+                    let [top, low] = rows(data, w, y).map(|row| row.as_chunks().0);
+                    let (u, v) = (&uv[y * (w / 2) * step..], &uv[y * (w / 2) * step + v..]);
+                    move |x| {
+                        let [[p, q], [r, s]] = [top[x], low[x]].map(|pair: [u8; 2]| pair.map(i32::from));
+                        rgb_of_yuv([p + q + r + s, i32::from(u[step * x]) * 4, i32::from(v[step * x]) * 4])
+                    }
                 });
             }
         }
     }
 }
 
-/// Red, green and blue of a pixel.
-fn rgb8(pixel: [u8; 3]) -> [i32; 3] {
-    pixel.map(i32::from)
+/// Two rows of `bytes` each, and what follows them: those of the blocks of row `y`.
+fn rows(data: &[u8], bytes: usize, y: usize) -> [&[u8]; 2] {
+    [2 * y, 2 * y + 1].map(|y| &data[y * bytes..])
 }
 
+/// Red, green and blue of a pixel.
 fn rgb565(pixel: [u8; 2]) -> [i32; 3] {
     let v = i32::from(u16::from_le_bytes(pixel));
     let (r, g, b) = (v >> 11, v >> 5 & 63, v & 31);
     [r << 3 | r >> 2, g << 2 | g >> 4, b << 3 | b >> 2]
 }
 
-fn luma_from_rgb<const N: usize>(luma: &mut [u8], pixels: &[[u8; N]], rgb: impl Fn([u8; N]) -> [i32; 3]) {
-    for (y, &pixel) in luma.iter_mut().zip(pixels) {
-        let [r, g, b] = rgb(pixel);
-        *y = narrow((4899 * r + 9617 * g + 1868 * b + 8192) >> 14);
-    }
-}
-
-fn chroma_from_rgb<const N: usize>(
-    w: usize,
-    a: &mut [i8],
-    b: &mut [i8],
-    pixels: &[[u8; N]],
-    rgb: impl Fn([u8; N]) -> [i32; 3],
-) {
-    let planes = a.chunks_exact_mut(w / 2).zip(b.chunks_exact_mut(w / 2));
-    for (rows, (a, b)) in pixels.chunks_exact(2 * w).zip(planes) {
-        let (top, low) = rows.split_at(w);
-        let blocks = top.as_chunks::<2>().0.iter().zip(low.as_chunks::<2>().0);
-        for (([p, q], [r, s]), (a, b)) in blocks.zip(a.iter_mut().zip(b)) {
-            let [p, q, r, s] = [*p, *q, *r, *s].map(&rgb);
-            [*a, *b] = chroma([0, 1, 2].map(|c| p[c] + q[c] + r[c] + s[c]));
-        }
-    }
-}
-
-/// `sums(x, y)` gives four times Y, U and V of a 2x2 block (BT.601, limited range).
-fn chroma_from_yuv(w: usize, h: usize, a: &mut [i8], b: &mut [i8], sums: impl Fn(usize, usize) -> (i32, i32, i32)) {
-    let cw = w / 2;
-    for y in 0..h / 2 {
-        for x in 0..cw {
-            let (luma, u, v) = sums(x, y);
-            let (c, u, v) = ((luma - 64) * 298, u - 512, v - 512);
-            let s = [c + 409 * v, c - 100 * u - 208 * v, c + 516 * u].map(|t| (t >> 8).clamp(0, 1020));
-            [a[y * cw + x], b[y * cw + x]] = chroma(s);
-        }
-    }
-}
-
-/// `127 * 65536 / (2 * 4 m)`: turns a difference of sums over four pixels into
-/// 127 times its ratio to twice the brightest sum, 16 bits behind the point.
-#[allow(clippy::cast_possible_truncation, reason = "below 256")]
-const RECIPROCAL: [i32; 256] = {
-    let mut t = [0; 256];
-    let mut m = 1;
-    while m < 256 {
-        t[m] = 127 * 65536 / (8 * m as i32);
-        m += 1;
-    }
-    t
-};
-
-/// Normalised chroma of a block from its sums (four pixels) of R, G and B.
-fn chroma([r, g, b]: [i32; 3]) -> [i8; 2] {
-    let m = r.max(g).max(b) / 4;
-    if m < DARK {
-        return [NO_CHROMA; 2];
-    }
-    #[allow(clippy::cast_sign_loss, reason = "DARK <= m <= 255")]
-    let k = RECIPROCAL[m as usize];
-    // sqrt(3) = 222 / 128
-    [2 * r - g - b, (g - b) * 222 / 128].map(|d| signed((d * k) >> 16))
-}
-
-#[allow(clippy::cast_possible_truncation, reason = "clamped")]
-fn signed(v: i32) -> i8 {
-    v.clamp(-127, 127) as i8
-}
-
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a weighted mean of bytes")]
-fn narrow(v: i32) -> u8 {
-    v as u8
+fn luma_of([r, g, b]: [i32; 3]) -> u8 {
+    ((4899 * r + 9617 * g + 1868 * b + 8192) >> 14) as u8
+}
+
+/// Four pixels at a time, each as a word of red, green, blue and what lies beside it: so their
+/// bytes need not be told apart one by one.
+fn luma_from_rgb8(luma: &mut [u8], data: &[u8]) {
+    let (groups, rest) = luma.as_chunks_mut::<4>();
+    let (pixels, last) = data.as_chunks::<12>();
+    for (y, p) in groups.iter_mut().zip(pixels) {
+        let words = [word(p, 0), word(p, 3), word(p, 6), word(p, 8) >> 8];
+        *y = words.map(|v| luma_of([v, v >> 8, v >> 16].map(|v| v & 255)));
+    }
+    for (y, p) in rest.iter_mut().zip(last.as_chunks::<3>().0) {
+        *y = luma_of(p.map(i32::from));
+    }
+}
+
+/// Four bytes from `at` on, the first lowest.
+fn word(bytes: &[u8], at: usize) -> i32 {
+    bytes.get(at..at + 4).map_or(0, |b| i32::from_le_bytes([b[0], b[1], b[2], b[3]]))
+}
+
+/// Sums of red, green and blue over the first two pixels of each of two rows.
+#[inline]
+#[allow(clippy::cast_possible_truncation, reason = "16 bits each")]
+fn sums_of_rgb8(rows: [&[u8]; 2]) -> [i32; 3] {
+    // Every second byte, with room for carries: the sums of all rows at once.
+    const EVEN: u64 = 0x00ff_00ff_00ff;
+    let [top, low] = rows.map(|row| {
+        let last = || row.iter().take(6).rev().fold(0, |v, &byte| v << 8 | u64::from(byte));
+        row.first_chunk().map_or_else(last, |bytes| u64::from_le_bytes(*bytes))
+    });
+    // Red, blue, green of the next; green, red of the next, blue of the next.
+    let (even, odd) = ((top & EVEN) + (low & EVEN), (top >> 8 & EVEN) + (low >> 8 & EVEN));
+    let red_blue = even + (odd >> 16);
+    [red_blue as u16, (even >> 32) as u16 + odd as u16, (red_blue >> 16) as u16].map(i32::from)
+}
+
+/// Sums of red, green and blue over four pixels from those of Y, U and V (BT.601, limited
+/// range).
+fn rgb_of_yuv([luma, u, v]: [i32; 3]) -> [i32; 3] {
+    let (c, u, v) = ((luma - 64) * 298, u - 512, v - 512);
+    [c + 409 * v, c - 100 * u - 208 * v, c + 516 * u].map(|t| (t >> 8).clamp(0, 1020))
+}
+
+/// Blocks whose chroma is computed together.
+const STRIP: usize = 64;
+
+/// Fills the chroma planes: `row(y)(x)` gives the sums of red, green and blue over the pixels
+/// of the `x`th block of row `y`.
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "sums of four bytes")]
+fn fill_chroma<F: Fn(usize) -> [i32; 3]>(w: usize, h: usize, a: &mut [i8], b: &mut [i8], row: impl Fn(usize) -> F) {
+    let width = w / 2;
+    let mut strip = [[0; STRIP]; 3];
+    for (y, (a, b)) in (0..h / 2).zip(a.chunks_exact_mut(width).zip(b.chunks_exact_mut(width))) {
+        let sums = row(y);
+        for (i, (a, b)) in a.chunks_mut(STRIP).zip(b.chunks_mut(STRIP)).enumerate() {
+            let [red, green, blue] = &mut strip;
+            for x in 0..a.len().min(STRIP) {
+                [red[x], green[x], blue[x]] = sums(i * STRIP + x).map(|v| v as u16);
+            }
+            chroma(&strip, a, b);
+        }
+    }
+}
+
+/// Normalised chroma of blocks from their sums (four pixels) of red, of green and of blue.
+#[allow(clippy::cast_possible_truncation, reason = "within 127")]
+#[inline(never)]
+fn chroma(sums: &[[u16; STRIP]; 3], a: &mut [i8], b: &mut [i8]) {
+    let n = a.len();
+    let ([red, green, blue], b) = (sums.each_ref().map(|s| &s[..n]), &mut b[..n]);
+    for i in 0..n {
+        let [red, green, blue] = [red[i], green[i], blue[i]].map(f32::from);
+        let most = if green > blue { green } else { blue };
+        let most = if red > most { red } else { most };
+        let k = 63.5 / most;
+        let lit = most >= (4 * DARK) as f32;
+        let values = [math::whole((2.0 * red - (green + blue)) * k), math::whole((green - blue) * (1.732_050_8 * k))];
+        a[i] = if lit { values[0] as i8 } else { NO_CHROMA };
+        b[i] = if lit { values[1] as i8 } else { NO_CHROMA };
+    }
 }
 
 #[cfg(test)]
@@ -389,9 +415,15 @@ mod tests {
         assert_eq!(PixelFormat::Rgb565 as usize + 1, PixelFormat::ALL.len());
     }
 
+    fn chroma_of(sums: [u16; 3]) -> [i8; 2] {
+        let (mut a, mut b) = ([0], [0]);
+        chroma(&sums.map(|v| [v; STRIP]), &mut a, &mut b);
+        [a[0], b[0]]
+    }
+
     #[test]
     fn brightness_leaves_chroma_alone() {
-        let at = |k: i32| chroma([200 * k, 80 * k, 40 * k]);
+        let at = |k: u16| chroma_of([200, 80, 40].map(|v| v * k));
         let [a, b] = at(4);
         for k in [1, 2, 3] {
             let [a2, b2] = at(k);
@@ -401,8 +433,8 @@ mod tests {
 
     #[test]
     fn dark_and_gray_say_so() {
-        assert_eq!(chroma([40, 10, 10]), [NO_CHROMA; 2]);
-        assert_eq!(chroma([400, 400, 400]), [0, 0]);
+        assert_eq!(chroma_of([40, 10, 10]), [NO_CHROMA; 2]);
+        assert_eq!(chroma_of([400; 3]), [0, 0]);
         let (_, a, b) = planes(PixelFormat::Gray8, &[200; W * H]);
         assert!(a.iter().chain(&b).all(|&c| c == NO_CHROMA));
     }

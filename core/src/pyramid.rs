@@ -73,26 +73,66 @@ impl Plane<'_, u8> {
         Some([*self.data[y * self.width + x..].first_chunk()?, *low])
     }
 
-    /// The value at `(x, y)`, in between by their distance; clamped to the plane.
-    #[must_use]
-    pub fn bilinear(&self, [x, y]: [f32; 2]) -> f32 {
-        let (ix, iy) = (math::floor(x), math::floor(y));
-        let inside = usize::try_from(ix).ok().zip(usize::try_from(iy).ok());
-        let square = inside.and_then(|(x, y)| self.square(x, y)).unwrap_or_else(|| {
-            let at = |dx: i32, dy: i32| self.nearest(ix.saturating_add(dx), iy.saturating_add(dy));
-            [[at(0, 0), at(1, 0)], [at(0, 1), at(1, 1)]]
-        });
-        interpolate(square, [x - ix as f32, y - iy as f32])
+    /// Samples the plane at the places `(x, y)`: the value between four pixels takes the place
+    /// of `x`, no number where there are not four; `y` is spent.
+    pub(crate) fn sample(&self, x: &mut [f32], y: &mut [f32]) {
+        for (x, y) in x.chunks_mut(STRIP).zip(y.chunks_mut(STRIP)) {
+            self.sample_strip(x, y);
+        }
+    }
+
+    /// The same, in three loops of which the compiler makes vectors of all but the second.
+    #[inline(never)]
+    fn sample_strip(&self, x: &mut [f32], y: &mut [f32]) {
+        let n = x.len().min(STRIP);
+        let mut squares = [0u32; STRIP];
+        let (x, y, squares) = (&mut x[..n], &mut y[..n], &mut squares[..n]);
+        let (width, height) = (number(self.width), number(self.height));
+        let (right, bottom) = ((width - 2) as f32, (height - 2) as f32);
+        for i in 0..n {
+            // Nearest to half a pixel less is the pixel before.
+            let (column, row) = (math::whole(x[i] - 0.5), math::whole(y[i] - 0.5));
+            let (left, top) = (column as f32, row as f32);
+            let inside = (left >= 0.0) & (left <= right) & (top >= 0.0) & (top <= bottom);
+            squares[i] = if inside { row.wrapping_mul(width).wrapping_add(column).cast_unsigned() } else { 0 };
+            x[i] = if inside { x[i] - left } else { f32::NAN };
+            y[i] -= top;
+        }
+        let low = self.data.get(self.width..).unwrap_or_default();
+        for square in squares.iter_mut() {
+            let at = *square as usize;
+            let pair = |data: &[u8]| data.get(at..at + 2).map_or(0, |v| u32::from(v[0]) | u32::from(v[1]) << 8);
+            *square = pair(self.data) | pair(low) << 16;
+        }
+        for i in 0..n {
+            let byte = |shift: u32| (squares[i] >> shift & 255).cast_signed() as f32;
+            let top = byte(0) + x[i] * (byte(8) - byte(0));
+            let low = byte(16) + x[i] * (byte(24) - byte(16));
+            x[i] = top + y[i] * (low - top);
+        }
+    }
+
+    /// [`Plane::sample`], clamped to the plane.
+    pub(crate) fn sample_clamped(&self, x: &mut [f32], y: &mut [f32]) {
+        let [right, bottom] = [self.width, self.height].map(|v| (number(v) - 1) as f32);
+        // Of a plane's last row and column, the pixels before.
+        let clamp = |v: f32, most: f32| {
+            let v = if v > 0.0 { v } else { 0.0 };
+            if v < most { v } else { most }
+        };
+        x.iter_mut().for_each(|x| *x = clamp(*x, right));
+        y.iter_mut().for_each(|y| *y = clamp(*y, bottom));
+        self.sample(x, y);
     }
 }
 
-/// The value between four pixels, `x` of the way to the right and `y` down.
-pub(crate) fn interpolate(square: [[u8; 2]; 2], [x, y]: [f32; 2]) -> f32 {
-    let [top, low] = square.map(|r| {
-        let [a, b] = r.map(f32::from);
-        a + x * (b - a)
-    });
-    top + y * (low - top)
+/// Places that are sampled together.
+const STRIP: usize = 32;
+
+/// A side of a plane, as a number with a sign.
+#[allow(clippy::cast_possible_truncation, clippy::cast_possible_wrap, reason = "planes are far smaller")]
+const fn number(side: usize) -> i32 {
+    side as i32
 }
 
 /// Owner of the planes of one frame.
@@ -189,7 +229,9 @@ impl<const LUMA: usize, const CHROMA: usize> Pyramid<LUMA, CHROMA> {
 
 /// Mean of four pixels.
 pub(crate) fn luma_mean(p: [u8; 4]) -> u8 {
-    let sum: u16 = p.iter().map(|&v| u16::from(v)).sum();
+    // Pairs as words: their bytes need not be told apart one by one.
+    let [top, low] = [[p[0], p[1]], [p[2], p[3]]].map(u16::from_le_bytes);
+    let sum = (top & 255) + (top >> 8) + (low & 255) + (low >> 8);
     #[allow(clippy::cast_possible_truncation, reason = "a mean of bytes")]
     let mean = ((sum + 2) / 4) as u8;
     mean

@@ -473,14 +473,23 @@ fn render(
     });
 }
 
+/// Pixels that are rendered together.
+const STRIP: usize = 32;
+
 fn render_luma(picture: &PyramidView<'_>, to: &Homography, scale: f32, width: usize, luma: &mut [u8]) {
     let level = level_for(scale);
     let plane = picture.luma(level);
     let s = 1.0 / f32::from(1u8 << level);
     for (y, row) in luma.chunks_exact_mut(width).enumerate() {
-        for (x, o) in row.iter_mut().enumerate() {
-            let [u, v] = to.apply([x as f32, y as f32]).map(|v| (v + 0.5) * s - 0.5);
-            *o = u8::try_from(math::round(plane.bilinear([u, v])).clamp(0, 255)).unwrap_or(0);
+        for (i, out) in row.chunks_mut(STRIP).enumerate() {
+            let [mut us, mut vs] = [[0.0; STRIP]; 2];
+            for (x, (u, v)) in us.iter_mut().zip(&mut vs).enumerate() {
+                [*u, *v] = to.apply([(STRIP * i + x) as f32, y as f32]).map(|v| (v + 0.5) * s - 0.5);
+            }
+            plane.sample_clamped(&mut us, &mut vs);
+            for (o, v) in out.iter_mut().zip(us) {
+                *o = u8::try_from(math::round(v).clamp(0, 255)).unwrap_or(0);
+            }
         }
     }
 }

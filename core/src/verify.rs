@@ -26,7 +26,7 @@ const LEAST_HALF_SIDE: f32 = 5.0;
 const SIDE: f32 = 12.0;
 /// Spread that noise has, gray levels, and steps of chroma.
 const LUMA_NOISE: f32 = 3.0;
-const CHROMA_NOISE: f32 = 4.0;
+pub(crate) const CHROMA_NOISE: f32 = 4.0;
 /// The rest is not looked at below this correlation of a quarter of the luma.
 const LEAST_GLANCE: f32 = 0.2;
 /// Chroma is not looked at below this correlation of luma.
@@ -95,9 +95,9 @@ fn sample(plane: &Plane<'_, u8>, [x, y]: [i32; 2]) -> Option<i32> {
     Some((top * (256 - fy) + low * fy + (1 << 15)) >> 16)
 }
 
-/// Sums of a correlation over at most a thousand pixels, exact.
+/// Sums of a correlation over at most ten thousand pixels, exact.
 #[derive(Clone, Copy, Default)]
-struct Counts {
+pub(crate) struct Counts {
     n: i32,
     /// Template and frame, of one component or two.
     t: [i32; 2],
@@ -112,7 +112,7 @@ impl Counts {
         self.add_pair([t, 0], [f, 0]);
     }
 
-    fn add_pair(&mut self, t: [i32; 2], f: [i32; 2]) {
+    pub(crate) fn add_pair(&mut self, t: [i32; 2], f: [i32; 2]) {
         self.n += 1;
         for i in 0..2 {
             self.t[i] += t[i];
@@ -124,7 +124,7 @@ impl Counts {
     }
 
     /// Correlation of what stands above `noise`, the spread of a pixel.
-    fn correlation(&self, noise: f32) -> f32 {
+    pub(crate) fn correlation(&self, noise: f32) -> f32 {
         let n = self.n.max(1) as f32;
         let without_mean = |sum: i32, a: [i32; 2], b: [i32; 2]| {
             let products = a[0] as f32 * b[0] as f32 + a[1] as f32 * b[1] as f32;
