@@ -13,7 +13,7 @@
 use crate::capacity::{LEVELS, TEMPLATE_SIDE};
 use crate::frame::NO_CHROMA;
 use crate::geometry::{Homography, area, is_convex};
-use crate::math;
+use crate::math::{self, VECTORS};
 use crate::model::Template;
 use crate::pose::{accumulate, solve};
 use crate::pyramid::{Plane, PyramidView, into_level, out_of_level};
@@ -77,48 +77,48 @@ pub fn is_plausible(outline: &[[f32; 2]; 4], min_area: f32, max_ratio: f32) -> b
     })
 }
 
-/// Running sums of a correlation, of each of [`LANES`] columns.
-#[derive(Clone, Copy, Default)]
-struct Sums {
-    n: [f32; LANES],
-    t: [f32; LANES],
-    f: [f32; LANES],
-    tt: [f32; LANES],
-    ff: [f32; LANES],
-    tf: [f32; LANES],
+/// Columns whose sums are kept apart, so that they can be added up side by side.
+const LANES: usize = 4;
+
+/// Those that are: the others follow one by one, which gives the same sums.
+const AT_ONCE: usize = if VECTORS { LANES } else { 1 };
+
+/// Some sums, of some columns each.
+type Sums<const K: usize, const N: usize> = [[f32; N]; K];
+
+/// The sums of the columns from `lane` on that are added up at once.
+#[inline]
+fn part<const K: usize>(sums: &Sums<K, LANES>, lane: usize) -> Sums<K, AT_ONCE> {
+    core::array::from_fn(|k| core::array::from_fn(|i| sums[k][lane + i]))
 }
 
-impl Sums {
-    /// Adds pixels of the template and of the frame, where `seen` is 1 and not 0.
-    fn add(&mut self, t: &[f32; LANES], f: &[f32; LANES], seen: &[f32; LANES]) {
-        for i in 0..LANES {
-            let (t, f) = (t[i] * seen[i], f[i] * seen[i]);
-            self.n[i] += seen[i];
-            self.t[i] += t;
-            self.f[i] += f;
-            self.tt[i] += t * t;
-            self.ff[i] += f * f;
-            self.tf[i] += t * f;
-        }
-    }
-
-    fn total(&self) -> Moments {
-        let [n, t, f, tt, ff, tf] = [self.n, self.t, self.f, self.tt, self.ff, self.tf].map(sum);
-        let k = 1.0 / n.max(1.0);
-        let mean = [t * k, f * k];
-        Moments {
-            n,
-            mean,
-            t: tt * k - mean[0] * mean[0],
-            f: ff * k - mean[1] * mean[1],
-            tf: tf * k - mean[0] * mean[1],
-        }
+/// Puts them back.
+#[inline]
+fn put_back<const K: usize>(sums: &mut Sums<K, LANES>, lane: usize, part: &Sums<K, AT_ONCE>) {
+    for (s, p) in sums.iter_mut().zip(part) {
+        s[lane..lane + AT_ONCE].copy_from_slice(p);
     }
 }
 
-fn sum(v: [f32; LANES]) -> f32 {
+/// Over all columns.
+fn total<const K: usize>(sums: &Sums<K, LANES>) -> [f32; K] {
     const { assert!(LANES == 4) };
-    (v[0] + v[1]) + (v[2] + v[3])
+    sums.map(|v| (v[0] + v[1]) + (v[2] + v[3]))
+}
+
+/// Sums of a correlation: pixels; of the template, of the frame; of the squares of either, and
+/// of their products.
+type Pairs<const N: usize> = Sums<6, N>;
+
+/// Adds pixels of the template and of the frame, where `seen` is 1 and not 0.
+#[inline]
+fn add_pairs(sums: &mut Pairs<AT_ONCE>, t: &[f32; AT_ONCE], f: &[f32; AT_ONCE], seen: &[f32; AT_ONCE]) {
+    for i in 0..AT_ONCE {
+        let (t, f) = (t[i] * seen[i], f[i] * seen[i]);
+        for (sum, v) in sums.iter_mut().zip([seen[i], t, f, t * t, f * f, t * f]) {
+            sum[i] += v;
+        }
+    }
 }
 
 /// What a correlation is made of.
@@ -134,6 +134,15 @@ struct Moments {
     tf: f32,
 }
 
+impl Moments {
+    fn new(sums: &Pairs<LANES>) -> Self {
+        let [n, t, f, tt, ff, tf] = total(sums);
+        let k = 1.0 / n.max(1.0);
+        let mean = [t * k, f * k];
+        Self { n, mean, t: tt * k - mean[0] * mean[0], f: ff * k - mean[1] * mean[1], tf: tf * k - mean[0] * mean[1] }
+    }
+}
+
 /// The columns of each of `blocks` blocks of a row of `width`, or the rows of a height: those
 /// whose `x * blocks / width` is the block's number; but for a `margin` at both ends.
 fn block_ranges(width: usize, blocks: usize, margin: usize) -> impl Iterator<Item = core::ops::Range<usize>> {
@@ -141,23 +150,22 @@ fn block_ranges(width: usize, blocks: usize, margin: usize) -> impl Iterator<Ite
     (0..blocks).map(move |b| start(b)..start(b + 1).min(width.saturating_sub(margin)))
 }
 
-/// Pixels of a row that are added up side by side.
-const LANES: usize = 4;
-
 /// What the frame shows where a row of the template lies, no number where it shows nothing;
 /// with room for whole groups from any pixel on.
-type Row = [f32; ROW];
-const ROW: usize = TEMPLATE_SIDE + LANES;
+type Row = [f32; TEMPLATE_SIDE + LANES];
+const NOTHING: Row = [f32::NAN; TEMPLATE_SIDE + LANES];
 
-/// Values from `first` on, at most `n` of them, and 1 for each that there is; or 0.
+/// Values from `first` on, at most `n` of them, and 1 for each that there is, or 0; `None` where
+/// there is none.
 #[inline]
-fn group(row: &Row, first: usize, n: usize) -> ([f32; LANES], [f32; LANES]) {
-    let values: [f32; LANES] = row.get(first..).and_then(|r| r.first_chunk()).copied().unwrap_or([f32::NAN; LANES]);
+fn group(row: &Row, first: usize, n: usize) -> Option<(Numbers, Numbers)> {
+    let values: Numbers = core::array::from_fn(|i| row[first + i]);
+    if AT_ONCE == 1 {
+        return (values[0] >= 0.0).then_some((values, [1.0; AT_ONCE]));
+    }
     let there = |i: usize| (values[i] >= 0.0) & (i < n);
-    (
-        core::array::from_fn(|i| if there(i) { values[i] } else { 0.0 }),
-        core::array::from_fn(|i| if there(i) { 1.0 } else { 0.0 }),
-    )
+    let seen = core::array::from_fn(|i| if there(i) { 1.0 } else { 0.0 });
+    Some((core::array::from_fn(|i| if there(i) { values[i] } else { 0.0 }), seen))
 }
 
 /// A level of the template, and the level of the frame that it lies on.
@@ -170,39 +178,56 @@ struct Overlay<'a> {
 
 impl Overlay<'_> {
     /// What the frame shows where the pixels of row `y` lie.
-    fn row(&self, y: usize) -> Row {
-        let (mut xs, mut ys) = ([f32::NAN; ROW], [0.0; ROW]);
+    #[inline(never)]
+    fn row(&self, y: usize, out: &mut Row) {
         let n = self.luma.width().min(TEMPLATE_SIDE);
-        let (x, y, v) = (&mut xs[..n], &mut ys[..n], number(y));
-        let h = &self.map.0;
+        let out = &mut out[..n];
+        let (h, v) = (&self.map.0, number(y));
         // What is the same along the row.
         let [a, b, c] = [0, 3, 6].map(|i| h[i + 1] * v + h[i + 2]);
-        for i in 0..n {
+        let place = |i: usize| {
             let u = number(i);
             let reciprocal = 1.0 / (h[6] * u + c);
-            (x[i], y[i]) = ((h[0] * u + a) * reciprocal, (h[3] * u + b) * reciprocal);
+            ((h[0] * u + a) * reciprocal, (h[3] * u + b) * reciprocal)
+        };
+        if VECTORS {
+            let mut ys = [0.0; TEMPLATE_SIDE];
+            let ys = &mut ys[..n];
+            for i in 0..n {
+                (out[i], ys[i]) = place(i);
+            }
+            self.plane.sample(out, ys);
+        } else {
+            for (i, out) in out.iter_mut().enumerate() {
+                let (x, y) = place(i);
+                *out = self.plane.sample_one(x, y);
+            }
         }
-        self.plane.sample(x, y);
-        xs
     }
 
     /// Correlates each of `blocks` x `blocks` blocks, but for a `margin`.
     fn correlate(&self, blocks: usize, margin: usize) -> [Moments; BLOCKS * BLOCKS] {
         let (w, h) = (self.luma.width(), self.luma.height());
         let mut moments = [Moments::default(); BLOCKS * BLOCKS];
+        let mut frame = NOTHING;
         for (moments, ys) in moments.chunks_exact_mut(blocks).zip(block_ranges(h, blocks, margin)) {
-            let mut sums = [Sums::default(); BLOCKS];
+            let mut pairs: [Pairs<LANES>; BLOCKS] = Default::default();
             for y in ys {
-                let (row, frame) = (self.luma.row(y), self.row(y));
-                for (sums, xs) in sums.iter_mut().zip(block_ranges(w, blocks, margin)) {
-                    for x in xs.clone().step_by(LANES) {
-                        let (f, seen) = group(&frame, x, xs.end - x);
-                        sums.add(&window(row, x).map(f32::from), &f, &seen);
+                let row = self.luma.row(y);
+                self.row(y, &mut frame);
+                for (pairs, xs) in pairs.iter_mut().zip(block_ranges(w, blocks, margin)) {
+                    for lane in (0..LANES).step_by(AT_ONCE) {
+                        let mut sums = part(pairs, lane);
+                        for x in (xs.start + lane..xs.end).step_by(LANES) {
+                            let Some((f, seen)) = group(&frame, x, xs.end - x) else { continue };
+                            add_pairs(&mut sums, &window(row, x).map(f32::from), &f, &seen);
+                        }
+                        put_back(pairs, lane, &sums);
                     }
                 }
             }
-            for (m, sums) in moments.iter_mut().zip(&sums) {
-                *m = sums.total();
+            for (m, pairs) in moments.iter_mut().zip(&pairs) {
+                *m = Moments::new(pairs);
             }
         }
         moments
@@ -211,8 +236,13 @@ impl Overlay<'_> {
 
 /// Pixels of a row from `first` on; 0 beyond its end.
 fn window<const N: usize>(row: &[u8], first: usize) -> [u8; N] {
-    let rest = row.get(first..).unwrap_or_default();
-    rest.first_chunk().copied().unwrap_or_else(|| core::array::from_fn(|i| rest.get(i).copied().unwrap_or(0)))
+    if AT_ONCE == 1 {
+        return core::array::from_fn(|i| row[first + i]);
+    }
+    match row.get(first..first + N) {
+        Some(pixels) => core::array::from_fn(|i| pixels[i]),
+        None => core::array::from_fn(|i| row.get(first + i).copied().unwrap_or(0)),
+    }
 }
 
 /// A coordinate of a template as a number.
@@ -392,12 +422,13 @@ pub(crate) fn refine_by(
         return None;
     }
     let back = to_picture.after(&unit).inverse()?;
+    let mut light = None;
     for &(level, blocks, times, keep) in steps {
         let coarse = Coarse::new(template, level, blocks, side, middle);
         let mut g = best.0.after(&to_picture).after(&unit);
-        let mut light = None;
         for _ in 0..times {
-            // On the finest level steps are so small that the light of the one before will do.
+            // On the finest level steps are so small that the light of the one before will do,
+            // and that of the level before, whose blocks are the same.
             light = light.filter(|_| level == 0);
             let Some((next, moved)) = coarse.improve(view, &g, &mut light) else { break };
             g = next;
@@ -409,6 +440,8 @@ pub(crate) fn refine_by(
         let seen = support(&g);
         if seen > keep * best.1 {
             best = (g, seen);
+        } else {
+            light = None;
         }
         if best.1 < least[1] {
             return None;
@@ -455,9 +488,9 @@ impl<'a> Coarse<'a> {
         let unit = self.unit();
         let overlay =
             Overlay { luma: self.luma, plane: view.luma(level), map: into_level(level).after(g).after(&unit) };
-        let before = light.unwrap_or_else(|| overlay.correlate(self.blocks, 1).map(Shade::new));
+        let light = light.get_or_insert_with(|| self.light(&overlay));
         let mut normal = Normal::default();
-        *light = Some(self.look(&overlay, &unit, &before, &mut normal));
+        self.look(&overlay, &unit, light, &mut normal);
         let Normal(mut normal) = normal;
         // Damping: a little of each direction's own curvature.
         for (i, row) in normal.iter_mut().enumerate() {
@@ -474,48 +507,61 @@ impl<'a> Coarse<'a> {
         g.0.iter().all(|v| v.is_finite()).then_some((g, unit_px * moved[0].max(moved[1])))
     }
 
-    /// Looks at each inner coarse pixel that lies in the frame: what the errors under this
-    /// light ask for goes into `normal`, what the light is comes back.
+    /// How the inner coarse pixels are lit that lie in the frame.
     #[inline(never)]
-    fn look(&self, overlay: &Overlay<'_>, unit: &Homography, before: &Light, normal: &mut Normal) -> Light {
+    fn light(&self, overlay: &Overlay<'_>) -> Light {
+        overlay.correlate(self.blocks, 1).map(Shade::new)
+    }
+
+    /// Looks at each inner coarse pixel that lies in the frame: adds what the errors under this
+    /// light ask for to `normal`, and brings the light up to date.
+    #[inline(never)]
+    fn look(&self, overlay: &Overlay<'_>, unit: &Homography, light: &mut Light, normal: &mut Normal) {
         // Gradients of unit coordinates from differences over two px.
         let per_unit = self.side / (2.0 * self.step as f32);
         let [w, h] = self.size;
-        let mut light = *before;
-        let lights = light.chunks_exact_mut(self.blocks).zip(before.chunks_exact(self.blocks));
-        for (ys, (light, before)) in block_ranges(h, self.blocks, 1).zip(lights) {
-            let mut blocks = [Sums::default(); BLOCKS];
+        let mut frame = NOTHING;
+        for (ys, light) in block_ranges(h, self.blocks, 1).zip(light.chunks_exact_mut(self.blocks)) {
+            let mut pairs: [Pairs<LANES>; BLOCKS] = Default::default();
             for y in ys {
                 let rows = [y - 1, y, y + 1].map(|y| self.luma.row(y));
-                let frame = overlay.row(y);
+                overlay.row(y, &mut frame);
                 let mut line = Line::default();
-                for ((shade, sums), xs) in before.iter().zip(&mut blocks).zip(block_ranges(w, self.blocks, 1)) {
-                    for x in xs.clone().step_by(LANES) {
-                        let [above, row, below] = rows.map(|r| window::<{ LANES + 2 }>(r, x - 1));
-                        let (f, seen) = group(&frame, x, xs.end - x);
-                        let t: [f32; LANES] = core::array::from_fn(|i| f32::from(row[i + 1]));
-                        sums.add(&t, &f, &seen);
-                        if shade.weight < LEAST_WEIGHT {
-                            continue;
+                for lane in (0..LANES).step_by(AT_ONCE) {
+                    let mut sums = part(&line, lane);
+                    for ((shade, pairs), xs) in light.iter().zip(&mut pairs).zip(block_ranges(w, self.blocks, 1)) {
+                        let mut block = part(pairs, lane);
+                        for x in (xs.start + lane..xs.end).step_by(LANES) {
+                            let Some((f, seen)) = group(&frame, x, xs.end - x) else { continue };
+                            let [above, row, below] = rows.map(|r| window::<{ AT_ONCE + 2 }>(r, x - 1));
+                            let t = core::array::from_fn(|i| f32::from(row[i + 1]));
+                            add_pairs(&mut block, &t, &f, &seen);
+                            if shade.weight < LEAST_WEIGHT {
+                                continue;
+                            }
+                            let e =
+                                core::array::from_fn(|i| f[i] * shade.scale_f - t[i] * shade.scale_t + shade.offset);
+                            let slope =
+                                |a: u8, b: u8| f32::from(i16::from(a) - i16::from(b)) * (shade.scale_t * per_unit);
+                            let pixels = Pixels {
+                                u: core::array::from_fn(|i| unit.0[0] * number(x + i) + unit.0[2]),
+                                gx: core::array::from_fn(|i| slope(row[i + 2], row[i])),
+                                gy: core::array::from_fn(|i| slope(below[i + 1], above[i + 1])),
+                                e,
+                                weight: core::array::from_fn(|i| seen[i] * (shade.weight / (1.0 + e[i] * e[i]))),
+                            };
+                            pixels.add_to(&mut sums);
                         }
-                        let k = shade.scale_t * per_unit;
-                        let (gx, gy) = (
-                            core::array::from_fn(|i| f32::from(i16::from(row[i + 2]) - i16::from(row[i])) * k),
-                            core::array::from_fn(|i| f32::from(i16::from(below[i + 1]) - i16::from(above[i + 1])) * k),
-                        );
-                        let e = core::array::from_fn(|i| f[i] * shade.scale_f - t[i] * shade.scale_t + shade.offset);
-                        let w = core::array::from_fn(|i| seen[i] * (shade.weight / (1.0 + e[i] * e[i])));
-                        let u = core::array::from_fn(|i| unit.0[0] * number(x + i) + unit.0[2]);
-                        line.add(&u, &gx, &gy, &e, &w);
+                        put_back(pairs, lane, &block);
                     }
+                    put_back(&mut line, lane, &sums);
                 }
-                normal.add(&line.total(), unit.0[4] * number(y) + unit.0[5]);
+                normal.add(&line, unit.0[4] * number(y) + unit.0[5]);
             }
-            for (shade, sums) in light.iter_mut().zip(&blocks) {
-                *shade = Shade::new(sums.total());
+            for (shade, pairs) in light.iter_mut().zip(&pairs) {
+                *shade = Shade::new(Moments::new(pairs));
             }
         }
-        light
     }
 }
 
@@ -544,60 +590,52 @@ const LEAST_WEIGHT: f32 = 0.05;
 
 type Light = [Shade; BLOCKS * BLOCKS];
 
-/// Weighted sums along a row, where v is the same, of each of [`LANES`] columns: of the
-/// gradient's products `x x`, `x y`, `y y` and of its products with the error, times powers
-/// of u.
-#[derive(Default)]
-struct Line {
-    xx: [[f32; LANES]; 5],
-    xy: [[f32; LANES]; 4],
-    yy: [[f32; LANES]; 3],
-    xe: [[f32; LANES]; 3],
-    ye: [[f32; LANES]; 2],
+/// Weighted sums along a row, where v is the same: of the gradient's products `x x`, `x y`,
+/// `y y` and of its products with the error, each times powers of u from 0 on, of which there
+/// are 5, 4, 3, 3 and 2.
+type Line = Sums<17, LANES>;
+
+/// Pixels beside each other.
+struct Pixels {
+    u: [f32; AT_ONCE],
+    /// Gradient, of unit coordinates.
+    gx: [f32; AT_ONCE],
+    gy: [f32; AT_ONCE],
+    /// What the frame shows less what it should.
+    e: [f32; AT_ONCE],
+    weight: [f32; AT_ONCE],
 }
 
-impl Line {
-    /// Not inlined: sums that stay in memory are made vectors of.
-    #[inline(never)]
-    fn add(&mut self, u: &[f32; LANES], gx: &[f32; LANES], gy: &[f32; LANES], e: &[f32; LANES], w: &[f32; LANES]) {
-        let product = |a: &[f32; LANES], b: &[f32; LANES]| -> [f32; LANES] { core::array::from_fn(|i| a[i] * b[i]) };
-        let (wx, wy) = (product(w, gx), product(w, gy));
+impl Pixels {
+    /// Where there are vectors, sums that stay in memory are made some of.
+    #[cfg_attr(any(target_feature = "sse2", target_feature = "neon"), inline(never))]
+    #[cfg_attr(not(any(target_feature = "sse2", target_feature = "neon")), inline(always))]
+    fn add_to(&self, sums: &mut Sums<17, AT_ONCE>) {
+        let product = |a: &Numbers, b: &Numbers| -> Numbers { core::array::from_fn(|i| a[i] * b[i]) };
+        let Self { u, gx, gy, e, weight } = self;
+        let (wx, wy) = (product(weight, gx), product(weight, gy));
         let u2 = product(u, u);
-        let powers = [[1.0; LANES], *u, u2, product(&u2, u), product(&u2, &u2)];
-        add_products(&mut self.xx, &powers, &product(&wx, gx));
-        add_products(&mut self.xy, &powers, &product(&wx, gy));
-        add_products(&mut self.yy, &powers, &product(&wy, gy));
-        add_products(&mut self.xe, &powers, &product(&wx, e));
-        add_products(&mut self.ye, &powers, &product(&wy, e));
-    }
-
-    fn total(&self) -> Totals {
-        Totals {
-            xx: self.xx.map(sum),
-            xy: self.xy.map(sum),
-            yy: self.yy.map(sum),
-            xe: self.xe.map(sum),
-            ye: self.ye.map(sum),
-        }
+        let powers = [[1.0; AT_ONCE], *u, u2, product(&u2, u), product(&u2, &u2)];
+        let [xx @ .., xy0, xy1, xy2, xy3, yy0, yy1, yy2, xe0, xe1, xe2, ye0, ye1] = sums;
+        add_products(xx.each_mut(), &powers, &product(&wx, gx));
+        add_products([xy0, xy1, xy2, xy3], &powers, &product(&wx, gy));
+        add_products([yy0, yy1, yy2], &powers, &product(&wy, gy));
+        add_products([xe0, xe1, xe2], &powers, &product(&wx, e));
+        add_products([ye0, ye1], &powers, &product(&wy, e));
     }
 }
 
-#[inline]
-fn add_products<const N: usize>(sums: &mut [[f32; LANES]; N], powers: &[[f32; LANES]; 5], values: &[f32; LANES]) {
-    for (sum, power) in sums.iter_mut().zip(powers) {
-        for i in 0..LANES {
-            sum[i] += power[i] * values[i];
+/// Numbers of the columns that are added up at once.
+type Numbers = [f32; AT_ONCE];
+
+/// Adds each power times the values.
+#[inline(always)]
+fn add_products<const K: usize>(sums: [&mut Numbers; K], powers: &[Numbers; 5], values: &Numbers) {
+    for k in 0..K {
+        for i in 0..AT_ONCE {
+            sums[k][i] += powers[k][i] * values[i];
         }
     }
-}
-
-/// A [`Line`] without its columns.
-struct Totals {
-    xx: [f32; 5],
-    xy: [f32; 4],
-    yy: [f32; 3],
-    xe: [f32; 3],
-    ye: [f32; 2],
 }
 
 /// Upper triangle of the normal equations, and their right side.
@@ -607,8 +645,9 @@ struct Normal([[f32; 9]; 8]);
 impl Normal {
     /// Adds the pixels of a row. The design matrix of a pixel is `[gx u, gx v, gx, gy u,
     /// gy v, gy, -u a, -v a]` with `a = gx u + gy v`.
-    fn add(&mut self, line: &Totals, v: f32) {
-        let Totals { xx, xy, yy, xe, ye } = line;
+    fn add(&mut self, line: &Line, v: f32) {
+        let all = total(line);
+        let (xx, xy, yy, xe, ye) = (&all[..5], &all[5..9], &all[9..12], &all[12..15], &all[15..]);
         // Sums of gx a, gy a, a a and a e, times powers of u.
         let xa = [0, 1, 2].map(|k| xx[k + 1] + v * xy[k]);
         let ya = [0, 1, 2].map(|k| xy[k + 1] + v * yy[k]);

@@ -23,7 +23,7 @@ use heapless::VecView;
 
 use crate::capacity::StageStats;
 use crate::geometry::Point;
-use crate::math;
+use crate::math::{self, VECTORS};
 use crate::pyramid::Plane;
 use crate::sort::sort_by_key;
 
@@ -110,10 +110,6 @@ fn sum3(p: &[f32], out: &mut [f32]) {
 
 /// Numbers that are looked at together.
 const LANES: usize = 8;
-
-/// Whether the target computes several numbers at once: then it costs less to compute
-/// what may not be needed than to ask.
-const VECTORS: bool = cfg!(any(target_feature = "sse2", target_feature = "neon"));
 
 /// Strengths of a row from the sums in the rows around it; what is below `cut`
 /// may be 0. Returns the greatest.
@@ -258,7 +254,7 @@ fn drop_weaker_half(corners: &mut VecView<Corner>, stats: &mut StageStats) -> i3
     if half == 0 {
         return i32::MAX;
     }
-    corners.select_nth_unstable_by_key(half - 1, by_strength);
+    sort_by_key(corners, by_strength);
     stats.dropped += count(corners.len() - half);
     corners.truncate(half);
     corners[half - 1].strength

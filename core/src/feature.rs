@@ -139,8 +139,13 @@ pub fn extract(
         Sampling::Patch => {
             let patch = Patch::new(level, points);
             if n > 0 {
-                let values = patch.luma(view);
-                let (mean, spread) = luma_spread(&values);
+                let mut values = patch.luma(view, false);
+                let (mut mean, mut spread) = luma_spread(&values);
+                // A place outside has no number, which makes the mean none.
+                if mean.is_nan() {
+                    values = patch.luma(view, true);
+                    (mean, spread) = luma_spread(&values);
+                }
                 write_luma(&values, mean, STEPS / spread.max(LUMA_FLOOR), luma);
             }
             if m > 0 {
@@ -185,12 +190,19 @@ impl Patch {
         [0, 1].map(|i| self.middle[i] + u * self.axes[0][i] + v * self.axes[1][i])
     }
 
-    fn luma(&self, view: &PyramidView<'_>) -> [f32; LUMA_POINTS.len()] {
+    /// Brightness at the points; of one outside the plane no number, or that of its edge.
+    fn luma(&self, view: &PyramidView<'_>, clamped: bool) -> [f32; LUMA_POINTS.len()] {
         let plane = view.luma(self.level);
-        let [mut x, mut y] =
-            [0, 1].map(|i| LUMA_POINTS.map(|[u, v]| self.middle[i] + u * self.axes[0][i] + v * self.axes[1][i]));
-        plane.sample_clamped(&mut x, &mut y);
-        x
+        let (mut xs, mut ys) = ([0.0; LUMA_POINTS.len()], [0.0; LUMA_POINTS.len()]);
+        for ((x, y), &point) in xs.iter_mut().zip(&mut ys).zip(&LUMA_POINTS) {
+            [*x, *y] = self.at(point);
+        }
+        if clamped {
+            plane.sample_clamped(&mut xs, &mut ys);
+        } else {
+            plane.sample(&mut xs, &mut ys);
+        }
+        xs
     }
 
     fn chroma(&self, view: &PyramidView<'_>) -> [Option<[f32; 2]>; CHROMA_POINTS.len()] {
@@ -270,8 +282,20 @@ fn chroma_means(view: &PyramidView<'_>, level: usize, at: usize, bundle: &Bundle
 /// Mean, and spread about it.
 fn luma_spread(values: &[f32]) -> (f32, f32) {
     let n = values.len() as f32;
-    let mean = values.iter().sum::<f32>() / n;
-    (mean, math::sqrt(values.iter().map(|v| (v - mean) * (v - mean)).sum::<f32>() / n))
+    let mean = sum(values, |v| v) / n;
+    (mean, math::sqrt(sum(values, |v| (v - mean) * (v - mean)) / n))
+}
+
+/// Sum over values, of which there are four or a multiple: of every fourth for itself, so that
+/// none waits for the one before.
+fn sum(values: &[f32], of: impl Fn(f32) -> f32) -> f32 {
+    let mut sums = [0.0; 4];
+    for group in values.as_chunks::<4>().0 {
+        for (sum, &v) in sums.iter_mut().zip(group) {
+            *sum += of(v);
+        }
+    }
+    (sums[0] + sums[1]) + (sums[2] + sums[3])
 }
 
 /// Mean of the chroma that there is, and the spread of a component about it.
@@ -300,9 +324,7 @@ fn write_chroma(values: &[Option<[f32; 2]>], mean: [f32; 2], scale: f32, out: &m
 
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "1 to 255")]
 fn byte(v: f32) -> u8 {
-    let v = if v > -127.0 { v } else { -127.0 };
-    let v = if v < 127.0 { v } else { 127.0 };
-    (math::whole(v) + ZERO as i32) as u8
+    (math::whole(v).clamp(-127, 127) + i32::from(ZERO)) as u8
 }
 
 #[cfg(test)]

@@ -10,6 +10,11 @@
 
 use micromath::F32Ext;
 
+/// Whether the target computes several numbers at once. Where it does, it costs less to compute
+/// what may not be needed than to ask, and loops over numbers side by side are worth their
+/// room; the results are the same.
+pub(crate) const VECTORS: bool = cfg!(any(target_feature = "sse2", target_feature = "neon"));
+
 /// Square root, exactly rounded.
 #[must_use]
 pub fn sqrt(x: f32) -> f32 {

@@ -12,7 +12,7 @@
 use crate::capacity::LEVELS;
 use crate::frame::{Frame, FrameError, MAX_SIDE, NO_CHROMA};
 use crate::geometry::{Homography, Point};
-use crate::math;
+use crate::math::{self, VECTORS};
 
 /// A borrowed plane of pixels without padding.
 #[derive(Clone, Copy, Debug)]
@@ -62,54 +62,73 @@ impl<'a, T: Copy> Plane<'a, T> {
 }
 
 impl Plane<'_, u8> {
-    /// The pixels `(x, y)` and beside it, and the two below; `None` where one of them is
-    /// outside.
-    #[must_use]
-    pub fn square(&self, x: usize, y: usize) -> Option<[[u8; 2]; 2]> {
-        if x + 1 >= self.width {
-            return None;
-        }
-        let low = self.data.get((y + 1) * self.width + x..)?.first_chunk()?;
-        Some([*self.data[y * self.width + x..].first_chunk()?, *low])
-    }
-
-    /// Samples the plane at the places `(x, y)`: the value between four pixels takes the place
-    /// of `x`, no number where there are not four; `y` is spent.
+    /// Samples the plane at the places `(x, y)`, px, to the nearest 1/256: the value between
+    /// four pixels takes the place of `x`, no number where there are not four; `y` is spent.
     pub(crate) fn sample(&self, x: &mut [f32], y: &mut [f32]) {
-        for (x, y) in x.chunks_mut(STRIP).zip(y.chunks_mut(STRIP)) {
-            self.sample_strip(x, y);
+        if VECTORS {
+            for (x, y) in x.chunks_mut(STRIP).zip(y.chunks_mut(STRIP)) {
+                self.sample_strip(x, y);
+            }
+        } else {
+            for (x, y) in x.iter_mut().zip(y) {
+                *x = self.sample_one(*x, *y);
+            }
         }
     }
 
-    /// The same, in three loops of which the compiler makes vectors of all but the second.
+    /// One of them, by integers.
+    #[inline]
+    pub(crate) fn sample_one(&self, x: f32, y: f32) -> f32 {
+        let [x, y] = [x, y].map(|v| math::whole(v * PARTS));
+        let Some(square) = self.square([x, y].map(|v| (v >> 8).cast_unsigned() as usize)) else { return f32::NAN };
+        between(square, x & 255, y & 255) as f32 * (1.0 / (PARTS * PARTS))
+    }
+
+    /// Some of them, in three loops of which the compiler makes vectors of all but the second.
     #[inline(never)]
     fn sample_strip(&self, x: &mut [f32], y: &mut [f32]) {
         let n = x.len().min(STRIP);
         let mut squares = [0u32; STRIP];
         let (x, y, squares) = (&mut x[..n], &mut y[..n], &mut squares[..n]);
-        let (width, height) = (number(self.width), number(self.height));
-        let (right, bottom) = ((width - 2) as f32, (height - 2) as f32);
+        let (width, right, bottom) = (number(self.width), number(self.width) - 1, number(self.height) - 1);
         for i in 0..n {
-            // Nearest to half a pixel less is the pixel before.
-            let (column, row) = (math::whole(x[i] - 0.5), math::whole(y[i] - 0.5));
-            let (left, top) = (column as f32, row as f32);
-            let inside = (left >= 0.0) & (left <= right) & (top >= 0.0) & (top <= bottom);
+            let (fx, fy) = (math::whole(x[i] * PARTS), math::whole(y[i] * PARTS));
+            let (column, row) = (fx >> 8, fy >> 8);
+            let inside = (column >= 0) & (column < right) & (row >= 0) & (row < bottom);
             squares[i] = if inside { row.wrapping_mul(width).wrapping_add(column).cast_unsigned() } else { 0 };
-            x[i] = if inside { x[i] - left } else { f32::NAN };
-            y[i] -= top;
+            x[i] = if inside { (fx & 255) as f32 } else { f32::NAN };
+            y[i] = (fy & 255) as f32;
         }
-        let low = self.data.get(self.width..).unwrap_or_default();
         for square in squares.iter_mut() {
-            let at = *square as usize;
-            let pair = |data: &[u8]| data.get(at..at + 2).map_or(0, |v| u32::from(v[0]) | u32::from(v[1]) << 8);
-            *square = pair(self.data) | pair(low) << 16;
+            *square = self.square_from(*square as usize);
         }
         for i in 0..n {
+            // As `between` has it: no step is rounded.
             let byte = |shift: u32| (squares[i] >> shift & 255).cast_signed() as f32;
-            let top = byte(0) + x[i] * (byte(8) - byte(0));
-            let low = byte(16) + x[i] * (byte(24) - byte(16));
-            x[i] = top + y[i] * (low - top);
+            let top = PARTS * byte(0) + x[i] * (byte(8) - byte(0));
+            let low = PARTS * byte(16) + x[i] * (byte(24) - byte(16));
+            x[i] = (PARTS * top + y[i] * (low - top)) * (1.0 / (PARTS * PARTS));
         }
+    }
+
+    /// The pixel `(x, y)`, that beside it, and the two below; `None` where one of them is
+    /// outside.
+    #[inline(always)]
+    pub(crate) fn square(&self, [x, y]: [usize; 2]) -> Option<[i32; 4]> {
+        if x >= self.width - 1 || y >= self.height - 1 {
+            return None;
+        }
+        let top = self.data.get(y * self.width + x..)?;
+        let low = top.get(self.width..)?;
+        let ([a, b], [c, d]) = (*top.first_chunk()?, *low.first_chunk()?);
+        Some([a, b, c, d].map(i32::from))
+    }
+
+    /// The same from an index on, a byte each from the lowest on.
+    #[inline]
+    fn square_from(&self, at: usize) -> u32 {
+        let pair = |at: usize| self.data.get(at..at + 2).map_or(0, |v| u32::from(v[0]) | u32::from(v[1]) << 8);
+        pair(at) | pair(at + self.width) << 16
     }
 
     /// [`Plane::sample`], clamped to the plane.
@@ -128,6 +147,17 @@ impl Plane<'_, u8> {
 
 /// Places that are sampled together.
 const STRIP: usize = 32;
+
+/// Parts of a pixel that are told apart.
+const PARTS: f32 = 256.0;
+
+/// 65536 times the value between the four pixels of [`Plane::square`], `x` / 256 of the way to
+/// the right and `y` / 256 down.
+#[inline(always)]
+pub(crate) fn between([a, b, c, d]: [i32; 4], x: i32, y: i32) -> i32 {
+    let (top, low) = ((a << 8) + x * (b - a), (c << 8) + x * (d - c));
+    (top << 8) + y * (low - top)
+}
 
 /// A side of a plane, as a number with a sign.
 #[allow(clippy::cast_possible_truncation, clippy::cast_possible_wrap, reason = "planes are far smaller")]

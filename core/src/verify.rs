@@ -16,7 +16,7 @@ use crate::frame::NO_CHROMA;
 use crate::geometry::Homography;
 use crate::math;
 use crate::model::Template;
-use crate::pyramid::{Plane, PyramidView, into_level, out_of_level};
+use crate::pyramid::{Plane, PyramidView, between, into_level, out_of_level};
 
 /// Half of a window's side, in square roots of the triangle's area.
 const HALF_SIDE: f32 = 1.5;
@@ -88,11 +88,8 @@ fn fixed(v: f32) -> i32 {
 
 /// Bilinear sample; `None` outside the plane.
 fn sample(plane: &Plane<'_, u8>, [x, y]: [i32; 2]) -> Option<i32> {
-    let (ix, iy) = (usize::try_from(x >> SHIFT).ok()?, usize::try_from(y >> SHIFT).ok()?);
-    let square = plane.square(ix, iy)?;
-    let (fx, fy) = (x >> 8 & 0xff, y >> 8 & 0xff);
-    let [top, low] = square.map(|[a, b]| i32::from(a) * (256 - fx) + i32::from(b) * fx);
-    Some((top * (256 - fy) + low * fy + (1 << 15)) >> 16)
+    let square = plane.square([x, y].map(|v| (v >> SHIFT).cast_unsigned() as usize))?;
+    Some((between(square, x >> 8 & 0xff, y >> 8 & 0xff) + (1 << 15)) >> 16)
 }
 
 /// Sums of a correlation over at most ten thousand pixels, exact.
