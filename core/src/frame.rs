@@ -218,8 +218,8 @@ impl<'a> Frame<'a> {
                 b[..c].fill(NO_CHROMA);
             }
             PixelFormat::Rgb8 => fill_chroma(w, h, a, b, |y| {
-                let [top, low] = rows(data, 3 * w, y);
-                move |x| sums_of_rgb8([&top[6 * x..], &low[6 * x..]])
+                let [top, low] = rows(data, 3 * w, y).map(|row| row.as_chunks().0);
+                move |x| sums_of_rgb8([&top[x], &low[x]])
             }),
             PixelFormat::Rgb565 => fill_chroma(w, h, a, b, |y| {
                 let [top, low] = rows(data, 2 * w, y).map(|row| row.as_chunks().0);
@@ -288,16 +288,13 @@ fn word(bytes: &[u8], at: usize) -> i32 {
     bytes.get(at..at + 4).map_or(0, |b| i32::from_le_bytes([b[0], b[1], b[2], b[3]]))
 }
 
-/// Sums of red, green and blue over the first two pixels of each of two rows.
+/// Sums of red, green and blue over two pixels of each of two rows.
 #[inline]
 #[allow(clippy::cast_possible_truncation, reason = "16 bits each")]
-fn sums_of_rgb8(rows: [&[u8]; 2]) -> [i32; 3] {
+fn sums_of_rgb8(rows: [&[u8; 6]; 2]) -> [i32; 3] {
     // Every second byte, with room for carries: the sums of all rows at once.
     const EVEN: u64 = 0x00ff_00ff_00ff;
-    let [top, low] = rows.map(|row| {
-        let last = || row.iter().take(6).rev().fold(0, |v, &byte| v << 8 | u64::from(byte));
-        row.first_chunk().map_or_else(last, |bytes| u64::from_le_bytes(*bytes))
-    });
+    let [top, low] = rows.map(|&[a, b, c, d, e, f]| u64::from_le_bytes([a, b, c, d, e, f, 0, 0]));
     // Red, blue, green of the next; green, red of the next, blue of the next.
     let (even, odd) = ((top & EVEN) + (low & EVEN), (top >> 8 & EVEN) + (low >> 8 & EVEN));
     let red_blue = even + (odd >> 16);
