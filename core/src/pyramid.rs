@@ -53,6 +53,7 @@ impl<'a, T: Copy> Plane<'a, T> {
 
     /// The pixel nearest to `(x, y)`, clamped to the plane.
     #[must_use]
+    #[inline(always)]
     #[allow(clippy::cast_sign_loss, clippy::cast_possible_truncation, clippy::cast_possible_wrap, reason = "clamped")]
     pub fn nearest(&self, x: i32, y: i32) -> T {
         let x = x.clamp(0, self.width as i32 - 1) as usize;
