@@ -422,13 +422,12 @@ pub(crate) fn refine_by(
         return None;
     }
     let back = to_picture.after(&unit).inverse()?;
-    let mut light = None;
     for &(level, blocks, times, keep) in steps {
         let coarse = Coarse::new(template, level, blocks, side, middle);
         let mut g = best.0.after(&to_picture).after(&unit);
+        let mut light = None;
         for _ in 0..times {
-            // On the finest level steps are so small that the light of the one before will do,
-            // and that of the level before, whose blocks are the same.
+            // On the finest level steps are so small that the light of the one before will do.
             light = light.filter(|_| level == 0);
             let Some((next, moved)) = coarse.improve(view, &g, &mut light) else { break };
             g = next;
@@ -440,8 +439,6 @@ pub(crate) fn refine_by(
         let seen = support(&g);
         if seen > keep * best.1 {
             best = (g, seen);
-        } else {
-            light = None;
         }
         if best.1 < least[1] {
             return None;

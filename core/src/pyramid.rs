@@ -134,11 +134,11 @@ impl Plane<'_, u8> {
 
     /// [`Plane::sample`], clamped to the plane.
     pub(crate) fn sample_clamped(&self, x: &mut [f32], y: &mut [f32]) {
-        let [right, bottom] = [self.width, self.height].map(|v| (number(v) - 1) as f32);
-        // Of a plane's last row and column, the pixels before.
+        // The last place between four pixels.
+        let [right, bottom] = [self.width, self.height].map(|v| (number(v) - 1) as f32 - 1.0 / PARTS);
         let clamp = |v: f32, most: f32| {
-            let v = if v > 0.0 { v } else { 0.0 };
-            if v < most { v } else { most }
+            let v = if v < most { v } else { most };
+            if v > 0.0 { v } else { 0.0 }
         };
         x.iter_mut().for_each(|x| *x = clamp(*x, right));
         y.iter_mut().for_each(|y| *y = clamp(*y, bottom));
