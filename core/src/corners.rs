@@ -58,7 +58,7 @@ pub struct CornerParams {
     pub margin_px: usize,
 }
 
-/// The smaller eigenvalue of `[[a, b], [b, c]]`, times two, good to five millionths of
+/// The smaller eigenvalue of `[[a, b], [b, c]]`, times two, good to a millionth of
 /// the larger one.
 #[must_use]
 pub fn strength(a: f32, b: f32, c: f32) -> f32 {
