@@ -139,10 +139,9 @@ impl<
     }
 
     /// Whether to search all of a frame for all of a model. Otherwise the search goes on only
-    /// while something is in doubt, which takes a quarter of the time where an object is seen
-    /// plainly: of a model
-    /// of more than 16 objects those are sought that most speaks for, and beside a large copy
-    /// of an object one under half its size may be missed.
+    /// while something is in doubt, which takes a fifth of the time where an object is seen
+    /// plainly: of a model of more than 16 objects those are sought that most speaks for, and
+    /// beside a large copy of an object one under half its size may be missed.
     pub const fn set_thorough(&mut self, thorough: bool) {
         self.thorough = thorough;
     }

@@ -158,7 +158,7 @@ enum Command {
         #[arg(long, value_parser = clap::value_parser!(u8).range(1..=MAX_THREADS as i64))]
         threads: Option<u8>,
         /// Search all of each frame for all of the models: finds small copies beside large
-        /// ones, and each of very many objects, in some four times the time
+        /// ones, and each of very many objects, in some five times the time
         #[arg(long)]
         thorough: bool,
         /// Turn frames into what a camera's sensor gives before they are searched
