@@ -11,6 +11,8 @@
 //! Memory: [`Match`], 8 bytes. Cost: 12 operations a key that is read; the heart of the
 //! detector.
 
+use heapless::Vec;
+
 use crate::feature::{Feature, signature};
 use crate::keygraph::{BIN, Keygraph, LARGEST_BINS, SECOND_BINS, cell_of};
 use crate::model::{Keys, Model, Tier};
@@ -69,9 +71,11 @@ pub fn classify(model: &Model<'_>, tier: Tier, k: &Keygraph, feature: &Feature, 
         sizes: [size.saturating_sub(rule.size_window), size.saturating_add(rule.size_window)],
         limit: u32::try_from(bytes).unwrap_or(0) * u32::from(rule.max_distance) / 16 + 1,
         best: [None; NEIGHBOURS],
+        waiting: Vec::new(),
     };
     if rule.one_cell {
         search.run(model.cell(tier, key.cell()), [0, BIN - 1], [0, BIN - 1]);
+        search.compare();
         search.best[1..].fill(None);
         return search.best;
     }
@@ -87,6 +91,7 @@ pub fn classify(model: &Model<'_>, tier: Tier, k: &Keygraph, feature: &Feature, 
             search.run(model.cell(tier, cell_of(key.mirrored, s, l)), inside(second, s), inside(largest, l));
         }
     }
+    search.compare();
     search.best
 }
 
@@ -97,6 +102,10 @@ const WORDS: usize = KEYS / 4;
 /// The highest bit of each byte.
 const HIGH: u32 = 0x8080_8080;
 const NIBBLE: u32 = 0x0f0f_0f0f;
+
+/// Keygraphs whose features are compared together, and the bytes at which that is done.
+const WAITING: usize = 16;
+const HEAD: usize = 16;
 
 const fn in_each_byte(v: u8) -> u32 {
     u32::from_le_bytes([v; 4])
@@ -135,6 +144,8 @@ struct Search<'a> {
     /// Only distances below this are of interest.
     limit: u32,
     best: Nearest,
+    /// Keygraphs whose features are to be compared.
+    waiting: Vec<u32, WAITING>,
 }
 
 impl Search<'_> {
@@ -177,19 +188,39 @@ impl Search<'_> {
                     let key = at + 4 * i + (left.trailing_zeros() / 8) as usize;
                     left &= left - 1;
                     if key < end && (self.sizes[0]..=self.sizes[1]).contains(&self.keys.sizes[key]) {
-                        self.compare(key);
+                        self.wait(u32::try_from(key).unwrap_or(u32::MAX));
                     }
                 }
             }
         }
     }
 
-    /// Compares the features of a keygraph.
-    fn compare(&mut self, keygraph: usize) {
+    fn wait(&mut self, keygraph: u32) {
+        if self.waiting.is_full() {
+            self.compare();
+        }
+        // It fits: there is room now.
+        let _ = self.waiting.push(keygraph);
+    }
+
+    /// Compares the features of those that wait.
+    fn compare(&mut self) {
         let n = self.feature.len();
-        let Some(distance) = distance(&self.features[n * keygraph..][..n], self.feature, self.limit) else { return };
-        let keygraph = u32::try_from(keygraph).unwrap_or(u32::MAX);
-        self.keep(Match { keygraph, distance: u16::try_from(distance).unwrap_or(u16::MAX) });
+        let features = self.features;
+        let feature = |keygraph: u32| &features[n * keygraph as usize..][..n];
+        let (head, rest) = self.feature.split_at(n.min(HEAD));
+        // The heads of all at once: they lie all over the memory, and none waits for another.
+        let mut heads = [0; WAITING];
+        for (sum, &keygraph) in heads.iter_mut().zip(&self.waiting) {
+            *sum = differences(&feature(keygraph)[..head.len()], head);
+        }
+        for (i, sum) in heads.into_iter().enumerate().take(self.waiting.len()) {
+            let keygraph = self.waiting[i];
+            let Some(left) = self.limit.checked_sub(sum) else { continue };
+            let Some(more) = distance(&feature(keygraph)[head.len()..], rest, left) else { continue };
+            self.keep(Match { keygraph, distance: u16::try_from(sum + more).unwrap_or(u16::MAX) });
+        }
+        self.waiting.clear();
     }
 
     fn keep(&mut self, m: Match) {
@@ -205,10 +236,13 @@ impl Search<'_> {
     }
 }
 
+fn differences(a: &[u8], b: &[u8]) -> u32 {
+    a.iter().zip(b).map(|(a, b)| u32::from(a.abs_diff(*b))).sum()
+}
+
 /// Sum of absolute differences if it stays below `limit`.
 #[must_use]
 pub fn distance(a: &[u8], b: &[u8], limit: u32) -> Option<u32> {
-    let differences = |a: &[u8], b: &[u8]| a.iter().zip(b).map(|(a, b)| u32::from(a.abs_diff(*b))).sum::<u32>();
     let ((chunks, a), (others, b)) = (a.as_chunks::<16>(), b.as_chunks::<16>());
     let mut sum = differences(a, b);
     for (a, b) in chunks.iter().zip(others) {

@@ -27,7 +27,7 @@ use crate::frame::{Frame, FrameError};
 use crate::geometry::{Homography, Point, contains};
 use crate::keygraph::{Keygraph, collect_keygraphs};
 use crate::math;
-use crate::method::{FirstPass, Parameters};
+use crate::method::{Lists, Parameters, Sure};
 use crate::model::{Model, Object, Tier, View};
 use crate::observer::{Laps, add};
 use crate::pose::{MAX_CORNERS, Normalised, PRIORS, Pair, Prior, collect_pairs, count_agreeing, grow, start};
@@ -397,11 +397,11 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
         self.extract_features(model, 0, &mut laps);
         let coarse = self.keygraphs.len();
         let mut search = Search { model, finder, wish, coarse, looked_closer: false, laps };
-        if model.has_shortlist() && !wish.thorough {
-            self.seek_likely(&mut search);
+        if let Some(lists) = rules.lists.as_ref().filter(|_| model.has_lists() && !wish.thorough) {
+            self.seek_all(&mut search, lists);
         } else {
             for object in 0..model.objects() {
-                self.seek(&mut search, u16::try_from(object).unwrap_or(u16::MAX), true);
+                self.seek(&mut search, u16::try_from(object).unwrap_or(u16::MAX));
             }
         }
         #[cfg(feature = "defmt")]
@@ -430,14 +430,19 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
         }
     }
 
-    /// Finds the matches of these keygraphs in a tier, and casts their votes.
-    fn search(&mut self, model: &Model<'_>, tier: Tier, keygraphs: Range<usize>, laps: &mut Laps<'_>) {
+    /// Finds the matches, in a tier, of the keygraphs of the coarse levels or of the finest, and
+    /// casts their votes.
+    fn search(&mut self, s: &mut Search<'_, '_, impl Finder>, tier: Tier, finest: bool) {
+        if finest {
+            self.look_closer(s);
+        }
+        let keygraphs = if finest { s.coarse..self.keygraphs.len() } else { 0..s.coarse };
         for first in keygraphs.clone().step_by(CHUNK) {
-            self.find_matches(model, tier, first..keygraphs.end.min(first + CHUNK));
-            laps.end(&mut self.stats, Output::Matches(&self.matches));
+            self.find_matches(s.model, tier, first..keygraphs.end.min(first + CHUNK));
+            s.laps.end(&mut self.stats, Output::Matches(&self.matches));
             let first = self.votes.len();
-            self.cast_votes(model);
-            laps.end(&mut self.stats, Output::Votes(&self.votes[first..]));
+            self.cast_votes(s.model);
+            s.laps.end(&mut self.stats, Output::Votes(&self.votes[first..]));
         }
     }
 
@@ -451,89 +456,68 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
         self.mark(Buffer::Bins, bins);
     }
 
-    /// Looks for the objects that most speaks for: on the coarse levels, and if none of them
-    /// is found, for those that the finest speaks for.
-    fn seek_likely(&mut self, s: &mut Search<'_, '_, impl Finder>) {
-        for finest in [false, true] {
-            if finest {
-                self.look_closer(s);
-            }
-            let keygraphs = if finest { s.coarse..self.keygraphs.len() } else { 0..s.coarse };
-            let mut looks = s.model.method().parameters().shortlist.second_looks;
-            for object in self.shortlist(s, keygraphs) {
-                let again = self.seek(s, object, looks > 0 && self.detections.is_empty());
-                looks = looks.saturating_sub(usize::from(again));
-            }
-            if !self.detections.is_empty() {
-                break;
+    /// Looks for all objects at once, by more and more of the lists and of the frame. Of many
+    /// objects, once one has been found, others are only looked for where much speaks for them.
+    fn seek_all(&mut self, s: &mut Search<'_, '_, impl Finder>, lists: &Lists) {
+        let first_pass = &s.model.method().parameters().first_pass;
+        let mut settled = 0;
+        for tier in [Tier::Shortlist, Tier::Longlist] {
+            for finest in [false, true] {
+                let go_on = s.model.objects() <= lists.few || self.detections.is_empty();
+                if !go_on && !self.leaves_doubt(lists.doubt) {
+                    return;
+                }
+                self.search(s, tier, finest);
+                let sure = if finest && tier == Tier::Longlist { &lists.last_pass } else { first_pass };
+                loop {
+                    let known = self.detections.len();
+                    self.decide(s, settled, Some(sure));
+                    settled = self.settle(s.model);
+                    if self.detections.len() == known {
+                        break;
+                    }
+                }
             }
         }
     }
 
-    /// The objects that these keygraphs speak most for, heaviest candidates first.
-    fn shortlist(&mut self, s: &mut Search<'_, '_, impl Finder>, keygraphs: Range<usize>) -> Vec<u16, CANDIDATES> {
-        let rules = s.model.method().parameters();
-        self.search(s.model, Tier::Shortlist, keygraphs, &mut s.laps);
-        self.find_candidates(rules, 0);
-        s.laps.end(&mut self.stats, Output::Candidates(&self.candidates));
-        // They are cast again, and more of them.
-        self.votes.clear();
-        let mut objects = Vec::new();
-        for c in &self.candidates {
-            let likely = objects.len() < rules.shortlist.objects || c.weight >= rules.shortlist.weight;
-            if likely && !objects.contains(&c.object) {
-                // It fits: there are no more than candidates.
-                let _ = objects.push(c.object);
-            }
-        }
-        objects
-    }
-
-    /// Looks for an object where it has not been found, by more and more of the frame and the
-    /// model until nothing is left in doubt: by the keygraphs of the coarse levels, first
-    /// among those that are likeliest to be seen again, then among the others; then by those
-    /// of the finest level. Where little speaks for the object, only the first is done unless
-    /// `closer` asks for more. Says whether it looked at the finest level.
-    fn seek(&mut self, s: &mut Search<'_, '_, impl Finder>, object: u16, closer: bool) -> bool {
+    /// Looks for an object, by more and more of the frame and the model until nothing is left in
+    /// doubt: by the keygraphs of the coarse levels, first among those that are likeliest to be
+    /// seen again, then among the others; then by those of the finest level.
+    fn seek(&mut self, s: &mut Search<'_, '_, impl Finder>, object: u16) {
         let (model, rules) = (s.model, s.model.method().parameters());
         // Before them are the supporters of what has been found.
         let votes = self.votes.len();
         let [first, second] = [Tier::First(object), Tier::Second(object)];
         let steps = [(false, first), (false, second), (true, first), (true, second)];
         let steps = steps.into_iter().filter(|&(_, tier)| tier == first || model.has_second_tiers());
-        let mut closest = false;
         for (i, (finest, tier)) in steps.enumerate() {
-            let doubt = rules.first_pass.doubt[usize::from(finest)];
-            let go_on = s.wish.thorough || closer && !self.has_found(object) || self.leaves_doubt(doubt);
+            let doubt = rules.doubt[usize::from(finest)];
+            let go_on = s.wish.thorough || !self.has_found(object) || self.leaves_doubt(doubt);
             if i > 0 && !go_on {
                 break;
             }
-            if finest {
-                self.look_closer(s);
-                closest = true;
-            }
-            let keygraphs = if finest { s.coarse..self.keygraphs.len() } else { 0..s.coarse };
-            self.search(model, tier, keygraphs, &mut s.laps);
+            self.search(s, tier, finest);
             let last = finest && (tier == second || !model.has_second_tiers());
             if last || !s.wish.thorough {
-                self.decide(s, object, votes, (!last).then_some(&rules.first_pass));
+                self.decide(s, votes, (!last).then_some(&rules.first_pass));
             }
         }
         if model.objects() > 1 {
-            self.forget(model, object, votes);
+            let supporters = self.settle(model);
+            self.votes.truncate(supporters);
         }
-        closest
     }
 
     /// Finds the poses that most votes from `first` on speak for, and examines them where
     /// nothing has been found; keeps only what is sure, if so asked.
-    fn decide(&mut self, s: &mut Search<'_, '_, impl Finder>, object: u16, first: usize, sure: Option<&FirstPass>) {
+    fn decide(&mut self, s: &mut Search<'_, '_, impl Finder>, first: usize, sure: Option<&Sure>) {
         // A keygraph counts once in a bin: its votes have to stand together.
         sort_by_key(&mut self.votes[first..], |v| (v.frame_keygraph, v.model_keygraph));
         self.find_candidates(s.model.method().parameters(), first);
         s.laps.end(&mut self.stats, Output::Candidates(&self.candidates));
         let Self { candidates, detections, .. } = self;
-        candidates.retain(|c| !is_found(detections, object, c.pose.centre));
+        candidates.retain(|c| !is_found(detections, c.object, c.pose.centre));
         self.examine(s, sure);
     }
 
@@ -548,25 +532,32 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
         self.candidates.iter().any(|c| c.weight >= weight && !found(c))
     }
 
-    /// Forgets the votes from `first` on that support nothing that has been found of their
-    /// object.
-    fn forget(&mut self, model: &Model<'_>, object: u16, first: usize) {
-        let mut kept = first;
-        for i in first..self.votes.len() {
-            let v = self.votes[i];
-            let to = self.vertices(&self.keygraphs[usize::from(v.frame_keygraph)]).map(|(_, p)| p);
-            let found = self.detections.iter().filter(|d| d.object == object);
-            if found.map(Agreement::new).any(|a| a.holds(model, &v, to)) {
-                self.votes[kept] = v;
-                kept += 1;
+    /// Puts the votes that support what has been found first, and says how many they are.
+    /// Others for an object that lie in its outline are forgotten.
+    #[inline(never)]
+    fn settle(&mut self, model: &Model<'_>) -> usize {
+        let Self { votes, keygraphs, points, detections, .. } = self;
+        let found: Vec<_, DETECTIONS> = detections.iter().map(|d| (d.object, Agreement::new(d))).collect();
+        let at = |v: &Vote| vertices(points, &keygraphs[usize::from(v.frame_keygraph)]).map(|(_, p)| p);
+        let mut supporters = 0;
+        for i in 0..votes.len() {
+            let v = votes[i];
+            if found.iter().any(|(object, a)| *object == v.object && a.holds(model, &v, at(&v))) {
+                votes.swap(i, supporters);
+                supporters += 1;
             }
         }
-        self.votes.truncate(kept);
+        let mut i = 0;
+        votes.retain(|v| {
+            i += 1;
+            i <= supporters || !is_found(detections, v.object, at(v)[0])
+        });
+        supporters
     }
 
     /// Grows and aligns the candidates, and keeps those that score enough; only what is
     /// sure, if so asked.
-    fn examine(&mut self, s: &mut Search<'_, '_, impl Finder>, sure: Option<&FirstPass>) {
+    fn examine(&mut self, s: &mut Search<'_, '_, impl Finder>, sure: Option<&Sure>) {
         let (model, laps) = (s.model, &mut s.laps);
         let threshold = sure.map_or(s.wish.threshold, |sure| s.wish.threshold.max(sure.score));
         for i in 0..self.candidates.len() {
@@ -679,8 +670,8 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
     fn find_matches(&mut self, model: &Model<'_>, tier: Tier, chunk: Range<usize>) {
         let rules = model.method().parameters();
         let mut matching = rules.matching;
-        if tier == Tier::Shortlist {
-            matching.max_bits = rules.shortlist.max_bits;
+        if let (None, Some(lists)) = (tier.object(), &rules.lists) {
+            matching.max_bits = lists.max_bits;
         }
         self.matches.clear();
         let seen = count(chunk.len());

@@ -69,6 +69,30 @@ pub fn in_circle(a: Point, b: Point, c: Point, d: Point) -> i64 {
     t(a2, bx * cy - by * cx).wrapping_add(t(b2, cx * ay - cy * ax)).wrapping_add(t(c2, ax * by - ay * bx))
 }
 
+/// The circle through three points that turn counter-clockwise, to be asked about many
+/// others: the determinant of [`in_circle`], expanded by its last point.
+pub(crate) struct Circle {
+    on: Point,
+    factors: [i64; 3],
+}
+
+impl Circle {
+    pub fn through(a: Point, b: Point, c: Point) -> Self {
+        let ((bx, by), (cx, cy)) = (b.minus(a), c.minus(a));
+        let (b2, c2) = (bx * bx + by * by, cx * cx + cy * cy);
+        let t = |n: i64, m: i64| n.wrapping_mul(m);
+        let factors = [t(cy, b2).wrapping_sub(t(by, c2)), t(bx, c2).wrapping_sub(t(cx, b2)), t(by, cx) - t(bx, cy)];
+        Self { on: a, factors }
+    }
+
+    /// Whether a point lies inside.
+    pub fn holds(&self, p: Point) -> bool {
+        let (x, y) = p.minus(self.on);
+        let t = |n: i64, m: i64| n.wrapping_mul(m);
+        t(self.factors[0], x).wrapping_add(t(self.factors[1], y)).wrapping_add(t(self.factors[2], x * x + y * y)) > 0
+    }
+}
+
 /// A projective map of the plane, row-major, from px to px (pixel centres at
 /// integers).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -180,6 +204,26 @@ mod tests {
     use super::*;
 
     const P: fn(i16, i16) -> Point = Point::new;
+
+    #[test]
+    fn a_circle_holds_what_lies_in_it() {
+        let mut state = 7u32;
+        let mut next = || {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 16) as i16 % 40
+        };
+        let mut inside = 0;
+        for _ in 0..20_000 {
+            let [a, b, c, d] = [(); 4].map(|()| P(next(), next()));
+            if orient(a, b, c) > 0 {
+                let circle = Circle::through(a, b, c);
+                assert_eq!(circle.holds(d), in_circle(a, b, c, d) > 0, "{a:?} {b:?} {c:?} {d:?}");
+                assert!([a, b, c].iter().all(|&p| !circle.holds(p)), "a vertex lies on it");
+                inside += u32::from(circle.holds(d));
+            }
+        }
+        assert!(inside > 1000, "{inside}");
+    }
 
     #[test]
     fn orientation_is_exact_at_the_ends_of_the_range() {

@@ -18,10 +18,10 @@ pub enum Ranking {
     Strength(u16),
 }
 
-/// When the coarse levels of a frame are enough. What is found there must leave no doubt,
-/// since nothing better is looked for in its place.
+/// What has to speak for a detection while more of the frame or the model could still be
+/// searched. It must leave no doubt, since nothing better is looked for in its place.
 #[derive(Clone, Copy, Debug)]
-pub struct FirstPass {
+pub struct Sure {
     /// Least weight of a candidate that may become a detection.
     pub weight: u32,
     /// Least score of a detection.
@@ -30,28 +30,31 @@ pub struct FirstPass {
     pub heavy: u32,
     /// or so many blocks of it agree: [`crate::align::Appearance::support`].
     pub support: f32,
-    /// Least weight of a candidate elsewhere that may be the object, or another copy: to search
-    /// all of the model, and the finest level.
-    pub doubt: [u32; 2],
 }
 
-/// How objects are chosen where a model has many.
+/// How a model of more than one object is searched: for all of them at once, by two lists.
 #[derive(Clone, Copy, Debug)]
-pub struct Shortlist {
-    /// Most keygraphs of each object that it copies; 0 for no shortlist.
-    pub keygraphs: usize,
-    /// Most keygraphs of all objects together.
-    pub total: usize,
-    /// Most objects of a model without a shortlist.
-    pub without: usize,
-    /// Objects that are chosen whatever speaks for them.
-    pub objects: usize,
-    /// Least weight of a candidate from which on its object is chosen besides.
-    pub weight: u32,
-    /// For how many of them the second tier is searched, while nothing is found.
-    pub second_looks: usize,
+pub struct Lists {
+    /// What the lists hold.
+    pub shares: [Share; 2],
     /// Takes the place of [`MatchRule::max_bits`]: reading features is what takes time here.
     pub max_bits: u8,
+    /// Up to so many objects are all looked for to the end,
+    pub few: usize,
+    /// of more, once one has been found, those that have a candidate of this weight.
+    pub doubt: u32,
+    /// What speaks for a detection in the end. With many objects there is more to be wrong
+    /// about than with one, of which anything that scores enough is taken.
+    pub last_pass: Sure,
+}
+
+/// What a list holds of each object: the likeliest to be seen again that no list before has.
+#[derive(Clone, Copy, Debug)]
+pub struct Share {
+    /// Most keygraphs of an object.
+    pub of_each: usize,
+    /// Most of all objects together.
+    pub of_all: usize,
 }
 
 /// Everything that a method fixes about the search of a frame.
@@ -71,10 +74,13 @@ pub struct Parameters {
     /// Keygraphs of an object that are searched first; all, where they are less than twice
     /// as many. More find it without the others more often.
     pub first_tier: usize,
-    /// What they find alone.
-    pub first_pass: FirstPass,
-    /// How objects are chosen where a model has many.
-    pub shortlist: Shortlist,
+    /// What is found before all has been searched.
+    pub first_pass: Sure,
+    /// Least weight of a candidate elsewhere that may be the object, or another copy: to search
+    /// all of the model, and the finest level.
+    pub doubt: [u32; 2],
+    /// How many objects are looked for; `None` to search each by itself.
+    pub lists: Option<Lists>,
     /// What counts as a match.
     pub matching: MatchRule,
     /// Least likeness of a match's surroundings, 0 to 2; `None` leaves them out.
@@ -96,16 +102,15 @@ const KEYGRAPH: Parameters = Parameters {
     prefixes: &[25, 35, 50, 71, 100, 141, 200, 283, 400, 450],
     scalene: Scalene { min_angle_deg: 8.0, min_difference_deg: 4.0, min_side_px: 8.0 },
     first_tier: 1024,
-    first_pass: FirstPass { weight: 12, score: 0.99, heavy: 100, support: 16.0, doubt: [12, 24] },
-    shortlist: Shortlist {
-        keygraphs: 512,
-        total: 384 << 10,
-        without: 16,
-        objects: 4,
-        weight: 32,
-        second_looks: 3,
+    first_pass: Sure { weight: 12, score: 0.99, heavy: 100, support: 16.0 },
+    doubt: [12, 24],
+    lists: Some(Lists {
+        shares: [Share { of_each: 704, of_all: 384 << 10 }, Share { of_each: 4096, of_all: 512 << 10 }],
         max_bits: 4,
-    },
+        few: 16,
+        doubt: 20,
+        last_pass: Sure { weight: 8, score: 0.99, heavy: 0, support: 0.0 },
+    }),
     matching: MatchRule {
         tolerance: 8,
         tolerance_px: 60,
@@ -129,16 +134,9 @@ const PAPER: Parameters = Parameters {
     prefixes: &[200],
     scalene: Scalene { min_angle_deg: 5.0, min_difference_deg: 5.0, min_side_px: 10.0 },
     first_tier: usize::MAX,
-    first_pass: FirstPass { weight: 0, score: 0.0, heavy: 0, support: 0.0, doubt: [0, 0] },
-    shortlist: Shortlist {
-        keygraphs: 0,
-        total: 0,
-        without: usize::MAX,
-        objects: usize::MAX,
-        weight: 0,
-        second_looks: 0,
-        max_bits: 0,
-    },
+    first_pass: Sure { weight: 0, score: 0.0, heavy: 0, support: 0.0 },
+    doubt: [0, 0],
+    lists: None,
     matching: MatchRule {
         tolerance: 0,
         tolerance_px: 0,

@@ -162,9 +162,11 @@ pub fn crc32(bytes: &[u8]) -> u32 {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Tier {
-    /// Copies of some keygraphs of every object, where there are many objects: says which
-    /// ones to look for.
+    /// Copies of the keygraphs of all objects that are likeliest to be seen again, where there
+    /// is more than one object.
     Shortlist,
+    /// Copies of the next of them.
+    Longlist,
     /// The keygraphs of an object that are likeliest to be seen again.
     First(u16),
     /// Its others: searched where the first tier leaves doubts.
@@ -176,7 +178,7 @@ impl Tier {
     #[must_use]
     pub const fn object(self) -> Option<u16> {
         match self {
-            Self::Shortlist => None,
+            Self::Shortlist | Self::Longlist => None,
             Self::First(object) | Self::Second(object) => Some(object),
         }
     }
@@ -185,20 +187,21 @@ impl Tier {
 /// Which tiers a model has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Tiers {
-    pub shortlist: bool,
+    pub lists: bool,
     pub second: bool,
 }
 
 impl Tiers {
     /// How many there are with so many objects.
     pub const fn count(self, objects: usize) -> usize {
-        self.shortlist as usize + objects * (1 + self.second as usize)
+        2 * self.lists as usize + objects * (1 + self.second as usize)
     }
 
     /// Where a tier that there is stands among them.
     pub const fn number(self, tier: Tier) -> usize {
         match tier {
             Tier::Shortlist => 0,
+            Tier::Longlist => 1,
             Tier::First(object) => self.count(object as usize),
             Tier::Second(object) => self.count(object as usize) + 1,
         }
@@ -206,11 +209,11 @@ impl Tiers {
 
     /// As they stand in the header.
     pub const fn bits(self) -> u16 {
-        self.shortlist as u16 | (self.second as u16) << 1
+        (self.second as u16) << 1 | (self.lists as u16) << 2
     }
 
     const fn from_bits(bits: u16) -> Option<Self> {
-        if bits < 4 { Some(Self { shortlist: bits & 1 == 1, second: bits & 2 == 2 }) } else { None }
+        if bits & !6 == 0 { Some(Self { lists: bits & 4 == 4, second: bits & 2 == 2 }) } else { None }
     }
 }
 
@@ -557,7 +560,7 @@ impl<'a> Model<'a> {
         self.counts[2]
     }
 
-    /// How many keygraphs it holds, those of the shortlist counted again.
+    /// How many keygraphs it holds, those of the lists counted again.
     #[must_use]
     pub const fn keygraphs(&self) -> usize {
         self.counts[3]
@@ -632,6 +635,19 @@ impl<'a> Model<'a> {
         (view, core::array::from_fn(|k| self.keypoint(first + usize::from(r[2 + k]))))
     }
 
+    /// How unlikely a frame's triangulation is to contain keygraph `i`: [`crate::train::cost`].
+    pub(crate) fn cost(&self, i: usize) -> u32 {
+        let r = self.vertex_record(i);
+        let view = self.record(self.layout.views, VIEW, usize::from(u16_at(r, 0)));
+        let (n, first) = (usize::from(u16_at(view, 2)), size_at(view, 4));
+        let mut ids: [usize; 3] = core::array::from_fn(|k| usize::from(r[2 + k]));
+        ids.sort_unstable();
+        let (points, _) =
+            self.bytes[self.layout.keypoints + KEYPOINT * first..][..KEYPOINT * n].as_chunks::<KEYPOINT>();
+        let at = |p: &[u8; KEYPOINT]| Point::new(i16::from_le_bytes([p[0], p[1]]), i16::from_le_bytes([p[2], p[3]]));
+        crate::train::cost(|l| at(&points[l]), n, ids)
+    }
+
     fn index_entry(&self, i: usize) -> usize {
         size_at(self.bytes, self.layout.cells + 4 * i)
     }
@@ -656,10 +672,10 @@ impl<'a> Model<'a> {
         self.index_entry(i)..self.index_entry(i + CELLS)
     }
 
-    /// Whether it says by [`Tier::Shortlist`] which objects to look for.
+    /// Whether there are [`Tier::Shortlist`] and [`Tier::Longlist`].
     #[must_use]
-    pub const fn has_shortlist(&self) -> bool {
-        self.tiers.shortlist
+    pub const fn has_lists(&self) -> bool {
+        self.tiers.lists
     }
 
     /// Whether there is [`Tier::Second`].
@@ -685,7 +701,7 @@ impl<'a> Model<'a> {
     #[must_use]
     pub fn occupancy(&self) -> (usize, usize) {
         let entry = |tier, cell| self.index_entry(CELLS * tier + cell);
-        let tiers = usize::from(self.tiers.shortlist)..self.tiers.count(self.objects());
+        let tiers = 2 * usize::from(self.tiers.lists)..self.tiers.count(self.objects());
         let sizes = || (0..CELLS).map(|c| tiers.clone().map(|t| entry(t, c + 1) - entry(t, c)).sum::<usize>());
         (sizes().filter(|&n| n > 0).count(), sizes().max().unwrap_or(0))
     }

@@ -27,7 +27,7 @@ use crate::capacity::{LEVELS, StageStats, TEMPLATE_SIDE, chroma_bytes, luma_byte
 use crate::corners::{Corner, SCRATCH_ROWS, detect_corners, rank_by_radius, rank_by_strength};
 use crate::feature::{FeatureKind, extract, signature};
 use crate::frame::{Frame, FrameError};
-use crate::geometry::{Homography, Point, in_circle, orient};
+use crate::geometry::{Circle, Homography, Point, orient};
 use crate::keygraph::{CELLS, Keygraph};
 use crate::math;
 use crate::method::{Parameters, Ranking};
@@ -44,8 +44,8 @@ pub const MAX_VIEW_KEYPOINTS: usize = 255;
 /// Shortest side of a view, px.
 const MIN_VIEW_SIDE: usize = 24;
 /// Costs above this are not worth their bytes.
-const MAX_COST: u32 = 15;
-const COSTS: usize = MAX_COST as usize + 1;
+pub(crate) const MAX_COST: u32 = 15;
+pub(crate) const COSTS: usize = MAX_COST as usize + 1;
 
 /// One view that a picture is rendered in.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -268,7 +268,7 @@ impl<const LUMA: usize, const CHROMA: usize, const SIDE: usize, const CORNERS: u
             let room = out.len().checked_sub(fixed).ok_or(no_room(fixed))? / (KEY + VERTICES + feature_bytes);
             Ok::<_, TrainError>(params.max_keygraphs.min(room).min(self.table.total() as usize))
         };
-        let mut tiers = Tiers { shortlist: false, second: false };
+        let mut tiers = Tiers { lists: false, second: false };
         // A second tier pays only where it is the larger one.
         tiers.second = most(tiers)? / 2 > rules.first_tier;
         let first = if tiers.second { rules.first_tier } else { usize::MAX };
@@ -529,7 +529,7 @@ fn each_keygraph(corners: &[Corner], rules: &Parameters, mut found: impl FnMut(&
     for k in 2..n {
         for j in 1..k {
             for i in 0..j {
-                let cost = if rules.grow { cost(points, [i, j, k]) } else { 0 };
+                let cost = if rules.grow { cost(|l| points[l], n, [i, j, k]) } else { 0 };
                 if cost > MAX_COST {
                     continue;
                 }
@@ -541,19 +541,21 @@ fn each_keygraph(corners: &[Corner], rules: &Parameters, mut found: impl FnMut(&
     }
 }
 
-/// How unlikely a frame's triangulation is to contain the triple, whose last index
-/// is its largest (see the top of this file); above [`MAX_COST`] it is not counted
-/// to the end.
-fn cost(points: &[Point], [i, j, k]: [usize; 3]) -> u32 {
-    let (a, mut b, mut c) = (points[i], points[j], points[k]);
+/// How unlikely a frame's triangulation is to contain the triple of `n` ranked points
+/// whose last index is its largest (see the top of this file); above [`MAX_COST`] it is not
+/// counted to the end.
+pub(crate) fn cost(point: impl Fn(usize) -> Point, n: usize, [i, j, k]: [usize; 3]) -> u32 {
+    let (a, mut b, mut c) = (point(i), point(j), point(k));
     match orient(a, b, c) {
         0 => return u32::MAX,
         o if o < 0 => core::mem::swap(&mut b, &mut c),
         _ => {}
     }
+    let circle = Circle::through(a, b, c);
     let mut cost = 0;
-    for (l, &p) in points.iter().enumerate().take(2 * k + 1) {
-        if l != i && l != j && l != k && in_circle(a, b, c, p) > 0 {
+    for l in 0..n.min(2 * k + 1) {
+        // The vertices themselves lie on it, not in it.
+        if circle.holds(point(l)) {
             cost += if l < k { 2 } else { 1 };
             if cost > MAX_COST {
                 break;
@@ -586,15 +588,20 @@ struct Cut {
     next: usize,
 }
 
+/// Whether thing `i` of `of` is one of the `n` evenly spread ones.
+pub(crate) const fn is_one_of(n: usize, of: usize, i: usize) -> bool {
+    of > 0 && (i as u64 + 1) * n as u64 / of as u64 != i as u64 * n as u64 / of as u64
+}
+
 /// Whether the next of `of` things is one of the `n` evenly spread ones. Only where some
 /// but not all are, they are counted.
-fn is_one_of(n: usize, of: usize, seen: &mut u16) -> bool {
+fn is_next_of(n: usize, of: usize, seen: &mut u16) -> bool {
     if n == 0 || n == of {
         return n > 0;
     }
     let t = usize::from(*seen);
     *seen = seen.saturating_add(1);
-    (t + 1) * n / of != t * n / of
+    is_one_of(n, of, t)
 }
 
 impl Table {
@@ -680,10 +687,10 @@ impl Table {
         let sure = counts[..cost as usize].iter().map(|&n| usize::from(n)).sum();
         let kept = (first + second).saturating_sub(sure).min(counts[cost as usize].into());
         let [seen, seen_kept] = &mut self.partial[cell];
-        if !is_one_of(kept, counts[cost as usize].into(), seen) {
+        if !is_next_of(kept, counts[cost as usize].into(), seen) {
             return None;
         }
-        let in_first = is_one_of(first.saturating_sub(sure).min(kept), kept, seen_kept);
+        let in_first = is_next_of(first.saturating_sub(sure).min(kept), kept, seen_kept);
         let slot = if in_first { cell } else { CELLS + cell };
         let range = self.range(slot);
         let at = range.start + self.placed[slot] as usize;
@@ -748,6 +755,7 @@ mod tests {
     #[test]
     fn a_triple_costs_what_would_have_to_be_missed() {
         let p = |x, y| Point::new(x, y);
+        let cost = |points: &[Point], triple| cost(|l| points[l], points.len(), triple);
         // Ranked: two far away, the triangle, one in its circle, one outside.
         let mut points = std::vec![p(900, 900), p(0, 0), p(160, 0), p(0, 160), p(60, 60), p(400, 10)];
         assert_eq!(cost(&points, [1, 2, 3]), 1, "a later corner lies inside");

@@ -2,10 +2,11 @@
 //!
 //! In: models, or records already at their place. Out: the bytes of one model in
 //! the caller's buffer, subsets sorted, checksum set. [`pack`] merges many models
-//! into one: their tiers side by side and, where objects are many, a shortlist of all.
+//! into one: lists of the likeliest keygraphs of all objects, and their tiers side by side.
 //!
-//! Memory: none beyond the buffer. Cost: one pass over the bytes, and a heap sort
-//! of every subset.
+//! Memory: 7 KB of stack for [`pack`]. Cost: a pass over the bytes, a heap sort of every
+//! subset of the lists, and four passes over the keygraphs to tell the likeliest (some 40 ms
+//! an object).
 
 use crate::feature::FeatureKind;
 use crate::keygraph::{BIN, CELLS, Key};
@@ -13,6 +14,7 @@ use crate::model::{
     CHECKED, HEADER, KEY, KEYPOINT, Layout, MAGIC, Method, Model, OBJECT, Tier, Tiers, VERSION, VERTICES, VIEW, crc32,
     u16_at, u32_at,
 };
+use crate::train::{COSTS, MAX_COST, is_one_of};
 
 /// Why models cannot be packed into one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -62,18 +64,16 @@ fn merged(models: &[Model<'_>]) -> Result<([usize; 5], Tiers), PackError> {
     if let Some(index) = models.iter().position(|m| !alike(m)) {
         return Err(PackError::Different { index });
     }
-    // The shortlist is made anew.
-    let own = |m: &Model<'_>| m.keygraphs() - if m.has_shortlist() { m.tier(Tier::Shortlist).len() } else { 0 };
     let mut counts: [usize; 5] = core::array::from_fn(|i| models.iter().map(|m| m.counts()[i]).sum());
-    counts[3] = models.iter().map(own).sum();
-    let rules = first.method().parameters().shortlist;
-    let shortlist = rules.keygraphs > 0 && counts[0] > rules.without;
-    if shortlist {
-        let copies =
-            |(m, object, _)| (0..CELLS).map(|cell| shortlisted(m, object, cell, counts[0]).count()).sum::<usize>();
-        counts[3] += each_object(models).map(copies).sum::<usize>();
+    counts[3] = each_object(models).map(|(m, object, _)| own_keygraphs(m, object).count()).sum();
+    let lists = first.method().parameters().lists.is_some() && counts[0] > 1;
+    if lists {
+        // They are made anew.
+        let n = counts[0];
+        counts[3] +=
+            each_object(models).map(|(m, object, _)| shares(m, object, n).iter().sum::<usize>()).sum::<usize>();
     }
-    let tiers = Tiers { shortlist, second: models.iter().any(Model::has_second_tiers) };
+    let tiers = Tiers { lists, second: models.iter().any(Model::has_second_tiers) };
     let limit = usize::from(u16::MAX);
     if counts[0] > limit || counts[1] > limit { Err(PackError::TooMany) } else { Ok((counts, tiers)) }
 }
@@ -103,13 +103,103 @@ fn each_object<'a, 'b>(models: &'b [Model<'a>]) -> impl Iterator<Item = (&'b Mod
     })
 }
 
-/// The keygraphs of a subset of an object that the shortlist of so many objects copies:
-/// evenly spread ones of its first tier.
-fn shortlisted(m: &Model<'_>, object: u16, cell: usize, objects: usize) -> impl Iterator<Item = usize> {
-    let tier = m.tier(Tier::First(object));
-    let rules = m.method().parameters().shortlist;
-    let each = tier.len().div_ceil(rules.keygraphs.min(rules.total / objects).max(1)).max(1);
-    m.cell(Tier::First(object), cell).filter(move |i| (i - tier.start).is_multiple_of(each))
+/// All keygraphs of an object: the subset of each, and its index.
+fn own_keygraphs<'a>(m: &'a Model<'_>, object: u16) -> impl Iterator<Item = (usize, usize)> + 'a {
+    let tiers = [Tier::First(object), Tier::Second(object)].into_iter().take(1 + usize::from(m.has_second_tiers()));
+    tiers.flat_map(move |tier| (0..CELLS).flat_map(move |cell| m.cell(tier, cell).map(move |i| (cell, i))))
+}
+
+/// How many keygraphs of an object each list of so many objects takes.
+fn shares(m: &Model<'_>, object: u16, objects: usize) -> [usize; 2] {
+    let mut left = own_keygraphs(m, object).count();
+    let shares = m.method().parameters().lists.map(|lists| lists.shares);
+    shares.map_or([0; 2], |shares| {
+        shares.map(|share| {
+            let n = share.of_each.min(share.of_all / objects).min(left);
+            left -= n;
+            n
+        })
+    })
+}
+
+/// Chooses the keygraphs of an object for the lists: the cheapest for the first, the next
+/// for the second, evenly spread ones of a cost of which only some are taken.
+struct Choice {
+    /// Of each cost: how many there are, how many of them each list takes.
+    counts: [(usize, [usize; 2]); COSTS],
+    /// How many of each cost have come by, and of these that are on a list.
+    seen: [[usize; 2]; COSTS],
+}
+
+impl Choice {
+    fn new(m: &Model<'_>, object: u16, objects: usize) -> Self {
+        let mut counts = [(0, [0; 2]); COSTS];
+        for (_, i) in own_keygraphs(m, object) {
+            counts[class(m, i)].0 += 1;
+        }
+        let mut left = shares(m, object, objects);
+        for (n, taken) in &mut counts {
+            let mut rest = *n;
+            for (taken, left) in taken.iter_mut().zip(&mut left) {
+                *taken = rest.min(*left);
+                *left -= *taken;
+                rest -= *taken;
+            }
+        }
+        Self { counts, seen: [[0; 2]; COSTS] }
+    }
+
+    /// The list that takes a keygraph. All have to come by, each time in the same order.
+    fn list(&mut self, m: &Model<'_>, i: usize) -> Option<usize> {
+        let class = class(m, i);
+        let (n, [first, second]) = self.counts[class];
+        let [seen, taken] = &mut self.seen[class];
+        *seen += 1;
+        is_one_of(first + second, n, *seen - 1).then(|| {
+            *taken += 1;
+            usize::from(!is_one_of(first, first + second, *taken - 1))
+        })
+    }
+}
+
+/// What a keygraph costs, or the most that counts.
+fn class(m: &Model<'_>, keygraph: usize) -> usize {
+    m.cost(keygraph).min(MAX_COST) as usize
+}
+
+/// The index and the keygraphs of the lists.
+fn write_lists(models: &[Model<'_>], objects: usize, out: &mut [u8], layout: &Layout, copied: &mut Copied) {
+    let mut places = [[0; CELLS]; 2];
+    for (m, object, _) in each_object(models) {
+        let mut choice = Choice::new(m, object, objects);
+        for (cell, i) in own_keygraphs(m, object) {
+            if let Some(list) = choice.list(m, i) {
+                places[list][cell] += 1;
+            }
+        }
+    }
+    let mut end = 0;
+    for place in places.as_flattened_mut() {
+        copied.subset(end, out, layout);
+        end += core::mem::replace(place, end);
+    }
+    for (m, object, views) in each_object(models) {
+        let mut choice = Choice::new(m, object, objects);
+        for (cell, i) in own_keygraphs(m, object) {
+            if let Some(list) = choice.list(m, i) {
+                copied.keygraphs = places[list][cell];
+                copied.keygraphs(m, i..i + 1, views, out, layout);
+                places[list][cell] += 1;
+            }
+        }
+    }
+    copied.keygraphs = end;
+    let feature_bytes = models.first().map_or(0, |m| m.feature_bytes());
+    let mut start = 0;
+    for end in places.into_iter().flatten() {
+        sort_cell(out, layout, feature_bytes, start..end);
+        start = end;
+    }
 }
 
 /// Merges `models` into one at the start of `out` and says how long it is.
@@ -121,7 +211,6 @@ pub fn pack(models: &[Model<'_>], out: &mut [u8]) -> Result<usize, PackError> {
     let (counts, tiers, layout) = layout(models)?;
     let (Some(first), given) = (models.first(), out.len()) else { return Err(PackError::Nothing) };
     let out = out.get_mut(..layout.end).ok_or(PackError::NoRoom { needed: layout.end, given })?;
-    let feature_bytes = first.feature_bytes();
 
     // What came before this model: objects, views, keypoints, template bytes.
     let (mut objects, mut views, mut keypoints, mut templates) = (0, 0, 0, 0);
@@ -152,17 +241,8 @@ pub fn pack(models: &[Model<'_>], out: &mut [u8]) -> Result<usize, PackError> {
     }
 
     let mut copied = Copied { keygraphs: 0, subsets: 0 };
-    if tiers.shortlist {
-        for cell in 0..CELLS {
-            let start = copied.keygraphs;
-            for (m, object, views) in each_object(models) {
-                for i in shortlisted(m, object, cell, counts[0]) {
-                    copied.keygraphs(m, i..i + 1, views, out, &layout);
-                }
-            }
-            sort_cell(out, &layout, feature_bytes, start..copied.keygraphs);
-            copied.subset(start, out, &layout);
-        }
+    if tiers.lists {
+        write_lists(models, counts[0], out, &layout, &mut copied);
     }
     for (m, object, views) in each_object(models) {
         for tier in [Tier::First(object), Tier::Second(object)].into_iter().take(1 + usize::from(tiers.second)) {

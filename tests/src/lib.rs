@@ -141,8 +141,8 @@ impl Sections {
         let views = objects + Self::OBJECT * count(0);
         let keypoints = views + Self::VIEW * count(1);
         let cells = keypoints + Self::KEYPOINT * count(2);
-        // A shortlist, and one or two tiers an object.
-        let tiers = usize::from(model[18] & 1) + count(0) * (1 + usize::from(model[18] >> 1));
+        // Two lists, and one or two tiers an object.
+        let tiers = usize::from(model[18] & 4) / 2 + count(0) * (1 + usize::from(model[18] & 2) / 2);
         let keys = cells + 4 * (tiers * Self::CELLS + 1);
         let vertices = keys + Self::KEY * count(3);
         let features = vertices + Self::VERTICES * count(3);

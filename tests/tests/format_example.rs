@@ -128,7 +128,7 @@ fn the_keygraph_is_the_page_s_and_what_core_makes_of_its_points() {
     assert!(!made.key.mirrored);
     assert_eq!(made.key.cell(), 269);
     let occupied: Vec<usize> = (0..CELLS).filter(|&c| !model.cell(Tier::First(0), c).is_empty()).collect();
-    assert!(!model.has_shortlist() && !model.has_second_tiers());
+    assert!(!model.has_lists() && !model.has_second_tiers());
     assert_eq!((occupied, model.cell(Tier::First(0), 269)), (vec![269], 0..1));
 }
 

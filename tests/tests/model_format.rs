@@ -185,12 +185,13 @@ fn every_alignment_reads_the_same() {
 type Change = (&'static str, &'static str, fn(&mut Vec<u8>, &Sections));
 
 /// Changes that leave the file's length and its other sections as they are.
-const CONTRADICTIONS: [Change; 44] = [
+const CONTRADICTIONS: [Change; 45] = [
     ("method", "an unknown method", |b, _| b[16] = 2),
     ("feature kind", "feature kind 0", |b, _| b[17] = 0),
     ("feature kind", "feature kind 4", |b, _| b[17] = 4),
     ("header", "features of another kind", |b, _| b[17] = 1),
-    ("tiers", "tiers of no kind", |b, _| b[18] = 4),
+    ("tiers", "tiers of no kind", |b, _| b[18] = 8),
+    ("tiers", "a shortlist of the version before", |b, _| b[18] |= 1),
     ("header", "a longer header", |b, _| b[6] = 44),
     ("header", "one object more", |b, _| b[20] += 1),
     ("header", "no object", |b, _| put(b, 20, &[0; 4])),
