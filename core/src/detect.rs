@@ -140,8 +140,9 @@ impl<
 
     /// Whether to search all of a frame for all of a model. Otherwise the search goes on only
     /// while something is in doubt, which takes a fifth of the time where an object is seen
-    /// plainly: of a model of more than 16 objects those are sought that most speaks for, and
-    /// beside a large copy of an object one under half its size may be missed.
+    /// plainly: each object of a model of many is sought by the likeliest of its keygraphs, and
+    /// of more than 16, once one has been found, only those that much speaks for; beside a large
+    /// copy of an object one under half its size may be missed.
     pub const fn set_thorough(&mut self, thorough: bool) {
         self.thorough = thorough;
     }

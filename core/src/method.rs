@@ -105,7 +105,7 @@ const KEYGRAPH: Parameters = Parameters {
     first_pass: Sure { weight: 12, score: 0.99, heavy: 100, support: 16.0 },
     doubt: [12, 24],
     lists: Some(Lists {
-        shares: [Share { of_each: 704, of_all: 384 << 10 }, Share { of_each: 4096, of_all: 512 << 10 }],
+        shares: [Share { of_each: 704, of_all: 384 << 10 }, Share { of_each: 6144, of_all: 600 << 10 }],
         max_bits: 4,
         few: 16,
         doubt: 20,
