@@ -460,7 +460,11 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
     /// Looks for all objects at once, by more and more of the lists and of the frame. Of many
     /// objects, once one has been found, others are only looked for where much speaks for them.
     fn seek_all(&mut self, s: &mut Search<'_, '_, impl Finder>, lists: &Lists) {
-        let first_pass = &s.model.method().parameters().first_pass;
+        let rules = s.model.method().parameters();
+        let wanted = s.wish.threshold;
+        let odds = (lists.odds * s.model.objects() as f32).max(1.0);
+        let score = odds * wanted / (1.0 + (odds - 1.0) * wanted);
+        let last_pass = Sure { weight: rules.voting.min_weight, score, heavy: 0, support: 0.0 };
         let mut settled = 0;
         for tier in [Tier::Shortlist, Tier::Longlist] {
             for finest in [false, true] {
@@ -469,12 +473,12 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
                     return;
                 }
                 self.search(s, tier, finest);
-                let sure = if finest && tier == Tier::Longlist { &lists.last_pass } else { first_pass };
+                let sure = if finest && tier == Tier::Longlist { &last_pass } else { &rules.first_pass };
                 loop {
                     let known = self.detections.len();
                     self.decide(s, settled, Some(sure));
                     settled = self.settle(s.model);
-                    if self.detections.len() == known {
+                    if self.detections.len() <= known {
                         break;
                     }
                 }
@@ -671,7 +675,9 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
     fn find_matches(&mut self, model: &Model<'_>, tier: Tier, chunk: Range<usize>) {
         let rules = model.method().parameters();
         let mut matching = rules.matching;
-        if let (None, Some(lists)) = (tier.object(), &rules.lists) {
+        if let (None, Some(lists)) = (tier.object(), &rules.lists)
+            && model.objects() > lists.few
+        {
             matching.max_bits = lists.max_bits;
         }
         self.matches.clear();

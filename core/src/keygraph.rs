@@ -15,7 +15,7 @@ use heapless::VecView;
 
 use crate::capacity::StageStats;
 use crate::delaunay::Triple;
-use crate::geometry::{Point, orient};
+use crate::geometry::{Circle, Point, orient};
 use crate::math;
 
 /// Subsets of the partition that a keygraph can fall into: two orientations, 18
@@ -161,6 +161,35 @@ pub fn collect_keygraphs(
     stats
 }
 
+/// Costs above this are not worth their bytes.
+pub(crate) const MAX_COST: u32 = 15;
+pub(crate) const COSTS: usize = MAX_COST as usize + 1;
+
+/// How unlikely a frame's triangulation is to contain the triple of `n` ranked points whose
+/// last index is its largest: two for each point before the last that lies in its circumcircle,
+/// one for each that is ranked soon after ([`crate::train`] says why); above [`MAX_COST`] it is
+/// not counted to the end.
+pub(crate) fn cost(point: impl Fn(usize) -> Point, n: usize, [i, j, k]: [usize; 3]) -> u32 {
+    let (a, mut b, mut c) = (point(i), point(j), point(k));
+    match orient(a, b, c) {
+        0 => return u32::MAX,
+        o if o < 0 => core::mem::swap(&mut b, &mut c),
+        _ => {}
+    }
+    let circle = Circle::through(a, b, c);
+    let mut cost = 0;
+    for l in 0..n.min(2 * k + 1) {
+        // The vertices themselves lie on it, not in it.
+        if circle.holds(point(l)) {
+            cost += if l < k { 2 } else { 1 };
+            if cost > MAX_COST {
+                break;
+            }
+        }
+    }
+    cost
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -206,5 +235,22 @@ mod tests {
         assert_eq!(Key { mirrored: true, second: 179, largest: 239 }.cell(), CELLS - 1);
         assert_eq!(Key::default().cell(), 0);
         assert_eq!(cell_of(true, 255, 255), CELLS - 1);
+    }
+
+    #[test]
+    fn a_triple_costs_what_would_have_to_be_missed() {
+        let p = |x, y| Point::new(x, y);
+        let cost = |points: &[Point], triple| cost(|l| points[l], points.len(), triple);
+        // Ranked: two far away, the triangle, one in its circle, one outside.
+        let mut points = std::vec![p(900, 900), p(0, 0), p(160, 0), p(0, 160), p(60, 60), p(400, 10)];
+        assert_eq!(cost(&points, [1, 2, 3]), 1, "a later corner lies inside");
+        points.swap(0, 4);
+        assert_eq!(cost(&points, [1, 2, 3]), 2, "an earlier corner lies inside");
+        assert_eq!(cost(&points, [1, 3, 2]), cost(&points, [1, 2, 3]), "either orientation");
+        assert!(cost(&[p(0, 0), p(5, 5), p(9, 9)], [0, 1, 2]) > MAX_COST, "a line");
+        // Index 2 is the last of the triple: only the four corners after it may count.
+        let mut many = std::vec![p(0, 0), p(160, 0), p(0, 160)];
+        many.extend([p(50, 50); 10]);
+        assert_eq!(cost(&many, [0, 1, 2]), 2);
     }
 }

@@ -37,15 +37,16 @@ pub struct Sure {
 pub struct Lists {
     /// What the lists hold.
     pub shares: [Share; 2],
-    /// Takes the place of [`MatchRule::max_bits`]: reading features is what takes time here.
-    pub max_bits: u8,
-    /// Up to so many objects are all looked for to the end,
+    /// Up to so many objects are all looked for to the end.
     pub few: usize,
-    /// of more, once one has been found, those that have a candidate of this weight.
+    /// Of more, once one has been found, those that have a candidate of this weight;
     pub doubt: u32,
-    /// What speaks for a detection in the end. With many objects there is more to be wrong
-    /// about than with one, of which anything that scores enough is taken.
-    pub last_pass: Sure,
+    /// and this takes the place of [`MatchRule::max_bits`]: reading features is what takes time.
+    pub max_bits: u8,
+    /// How much better the odds of a score are to be than those of the threshold, for each object
+    /// of the model. A score is the probability that a detection is right where one is looked
+    /// for; with many there is more to be wrong about.
+    pub odds: f32,
 }
 
 /// What a list holds of each object: the likeliest to be seen again that no list before has.
@@ -106,10 +107,10 @@ const KEYGRAPH: Parameters = Parameters {
     doubt: [12, 24],
     lists: Some(Lists {
         shares: [Share { of_each: 704, of_all: 384 << 10 }, Share { of_each: 6144, of_all: 600 << 10 }],
-        max_bits: 4,
         few: 16,
         doubt: 20,
-        last_pass: Sure { weight: 8, score: 0.99, heavy: 0, support: 0.0 },
+        max_bits: 4,
+        odds: 0.25,
     }),
     matching: MatchRule {
         tolerance: 8,

@@ -635,7 +635,7 @@ impl<'a> Model<'a> {
         (view, core::array::from_fn(|k| self.keypoint(first + usize::from(r[2 + k]))))
     }
 
-    /// How unlikely a frame's triangulation is to contain keygraph `i`: [`crate::train::cost`].
+    /// How unlikely a frame's triangulation is to contain keygraph `i`: [`crate::keygraph::cost`].
     pub(crate) fn cost(&self, i: usize) -> u32 {
         let r = self.vertex_record(i);
         let view = self.record(self.layout.views, VIEW, usize::from(u16_at(r, 0)));
@@ -645,7 +645,7 @@ impl<'a> Model<'a> {
         let (points, _) =
             self.bytes[self.layout.keypoints + KEYPOINT * first..][..KEYPOINT * n].as_chunks::<KEYPOINT>();
         let at = |p: &[u8; KEYPOINT]| Point::new(i16::from_le_bytes([p[0], p[1]]), i16::from_le_bytes([p[2], p[3]]));
-        crate::train::cost(|l| at(&points[l]), n, ids)
+        crate::keygraph::cost(|l| at(&points[l]), n, ids)
     }
 
     fn index_entry(&self, i: usize) -> usize {

@@ -27,15 +27,15 @@ use crate::capacity::{LEVELS, StageStats, TEMPLATE_SIDE, chroma_bytes, luma_byte
 use crate::corners::{Corner, SCRATCH_ROWS, detect_corners, rank_by_radius, rank_by_strength};
 use crate::feature::{FeatureKind, extract, signature};
 use crate::frame::{Frame, FrameError};
-use crate::geometry::{Circle, Homography, Point, orient};
-use crate::keygraph::{CELLS, Keygraph};
+use crate::geometry::{Homography, Point};
+use crate::keygraph::{CELLS, COSTS, Keygraph, MAX_COST, cost};
 use crate::math;
 use crate::method::{Parameters, Ranking};
 use crate::model::{
     KEY, KEYPOINT, Layout, MAX_PICTURE_SIDE, Method, NAME_BYTES, OBJECT, Tiers, VERTICES, VIEW, template_bytes,
 };
 use crate::pyramid::{Pyramid, PyramidView, chroma_mean, luma_mean, plane_bytes, reduce_all};
-use crate::write::{key_bytes, put_u16, put_u32, sort_cell, write_header};
+use crate::write::{is_one_of, key_bytes, put_u16, put_u32, sort_cell, write_header};
 
 /// Views that one model can be made from.
 pub const MAX_VIEWS: usize = 64;
@@ -43,9 +43,6 @@ pub const MAX_VIEWS: usize = 64;
 pub const MAX_VIEW_KEYPOINTS: usize = 255;
 /// Shortest side of a view, px.
 const MIN_VIEW_SIDE: usize = 24;
-/// Costs above this are not worth their bytes.
-pub(crate) const MAX_COST: u32 = 15;
-pub(crate) const COSTS: usize = MAX_COST as usize + 1;
 
 /// One view that a picture is rendered in.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -541,30 +538,6 @@ fn each_keygraph(corners: &[Corner], rules: &Parameters, mut found: impl FnMut(&
     }
 }
 
-/// How unlikely a frame's triangulation is to contain the triple of `n` ranked points
-/// whose last index is its largest (see the top of this file); above [`MAX_COST`] it is not
-/// counted to the end.
-pub(crate) fn cost(point: impl Fn(usize) -> Point, n: usize, [i, j, k]: [usize; 3]) -> u32 {
-    let (a, mut b, mut c) = (point(i), point(j), point(k));
-    match orient(a, b, c) {
-        0 => return u32::MAX,
-        o if o < 0 => core::mem::swap(&mut b, &mut c),
-        _ => {}
-    }
-    let circle = Circle::through(a, b, c);
-    let mut cost = 0;
-    for l in 0..n.min(2 * k + 1) {
-        // The vertices themselves lie on it, not in it.
-        if circle.holds(point(l)) {
-            cost += if l < k { 2 } else { 1 };
-            if cost > MAX_COST {
-                break;
-            }
-        }
-    }
-    cost
-}
-
 /// How many keygraphs of each cost a subset has, and how many are kept.
 #[derive(Debug)]
 struct Table {
@@ -586,11 +559,6 @@ struct Cut {
     left: usize,
     /// How many there are of it.
     next: usize,
-}
-
-/// Whether thing `i` of `of` is one of the `n` evenly spread ones.
-pub(crate) const fn is_one_of(n: usize, of: usize, i: usize) -> bool {
-    of > 0 && (i as u64 + 1) * n as u64 / of as u64 != i as u64 * n as u64 / of as u64
 }
 
 /// Whether the next of `of` things is one of the `n` evenly spread ones. Only where some
@@ -751,23 +719,6 @@ fn write_keygraph(out: &mut [u8], layout: &Layout, at: usize, view: usize, k: &K
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_triple_costs_what_would_have_to_be_missed() {
-        let p = |x, y| Point::new(x, y);
-        let cost = |points: &[Point], triple| cost(|l| points[l], points.len(), triple);
-        // Ranked: two far away, the triangle, one in its circle, one outside.
-        let mut points = std::vec![p(900, 900), p(0, 0), p(160, 0), p(0, 160), p(60, 60), p(400, 10)];
-        assert_eq!(cost(&points, [1, 2, 3]), 1, "a later corner lies inside");
-        points.swap(0, 4);
-        assert_eq!(cost(&points, [1, 2, 3]), 2, "an earlier corner lies inside");
-        assert_eq!(cost(&points, [1, 3, 2]), cost(&points, [1, 2, 3]), "either orientation");
-        assert!(cost(&[p(0, 0), p(5, 5), p(9, 9)], [0, 1, 2]) > MAX_COST, "a line");
-        // Index 2 is the last of the triple: only the four corners after it may count.
-        let mut many = std::vec![p(0, 0), p(160, 0), p(0, 160)];
-        many.extend([p(50, 50); 10]);
-        assert_eq!(cost(&many, [0, 1, 2]), 2);
-    }
 
     #[test]
     fn places_go_to_the_cheap_and_every_place_is_filled() {

@@ -9,12 +9,11 @@
 //! an object).
 
 use crate::feature::FeatureKind;
-use crate::keygraph::{BIN, CELLS, Key};
+use crate::keygraph::{BIN, CELLS, COSTS, Key, MAX_COST};
 use crate::model::{
     CHECKED, HEADER, KEY, KEYPOINT, Layout, MAGIC, Method, Model, OBJECT, Tier, Tiers, VERSION, VERTICES, VIEW, crc32,
     u16_at, u32_at,
 };
-use crate::train::{COSTS, MAX_COST, is_one_of};
 
 /// Why models cannot be packed into one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -160,6 +159,11 @@ impl Choice {
             usize::from(!is_one_of(first, first + second, *taken - 1))
         })
     }
+}
+
+/// Whether thing `i` of `of` is one of the `n` evenly spread ones.
+pub(crate) const fn is_one_of(n: usize, of: usize, i: usize) -> bool {
+    of > 0 && (i as u64 + 1) * n as u64 / of as u64 != i as u64 * n as u64 / of as u64
 }
 
 /// What a keygraph costs, or the most that counts.
