@@ -542,12 +542,12 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
     #[inline(never)]
     fn settle(&mut self, model: &Model<'_>) -> usize {
         let Self { votes, keygraphs, points, detections, .. } = self;
-        let found: Vec<_, DETECTIONS> = detections.iter().map(|d| (d.object, Agreement::new(d))).collect();
+        let found: Vec<_, DETECTIONS> = detections.iter().map(Agreement::new).collect();
         let at = |v: &Vote| vertices(points, &keygraphs[usize::from(v.frame_keygraph)]).map(|(_, p)| p);
         let mut supporters = 0;
         for i in 0..votes.len() {
             let v = votes[i];
-            if found.iter().any(|(object, a)| *object == v.object && a.holds(model, &v, at(&v))) {
+            if found.iter().any(|a| a.holds(model, &v, at(&v))) {
                 votes.swap(i, supporters);
                 supporters += 1;
             }

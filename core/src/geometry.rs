@@ -69,8 +69,8 @@ pub fn in_circle(a: Point, b: Point, c: Point, d: Point) -> i64 {
     t(a2, bx * cy - by * cx).wrapping_add(t(b2, cx * ay - cy * ax)).wrapping_add(t(c2, ax * by - ay * bx))
 }
 
-/// The circle through three points that turn counter-clockwise, to be asked about many
-/// others: the determinant of [`in_circle`], expanded by its last point.
+/// The circle through three points of positive orientation, to be asked about many others:
+/// the determinant of [`in_circle`], expanded by its last point.
 pub(crate) struct Circle {
     on: Point,
     factors: [i64; 3],
