@@ -693,7 +693,7 @@ mod tests {
     use super::*;
     use crate::frame::{Frame, PixelFormat};
     use crate::model::template_bytes;
-    use crate::pyramid::{Pyramid, luma_mean, plane_bytes, reduce_all};
+    use crate::pyramid::{Pyramid, halve_luma, plane_bytes, reduce_all};
     use std::prelude::rust_2024::*;
     use std::vec;
 
@@ -722,7 +722,7 @@ mod tests {
         for (i, t) in luma[..SIDE * SIDE].iter_mut().enumerate() {
             *t = texture((i % SIDE) as f32, (i / SIDE) as f32) as u8;
         }
-        reduce_all(luma, SIDE, SIDE, luma_mean);
+        reduce_all(luma, SIDE, SIDE, halve_luma);
         (p, template, h)
     }
 

@@ -242,13 +242,13 @@ impl<const LUMA: usize, const CHROMA: usize> Pyramid<LUMA, CHROMA> {
     pub fn reduce(&mut self) {
         self.reduce_luma();
         for plane in &mut self.chroma {
-            reduce_all(plane, self.width / 2, self.height / 2, chroma_mean);
+            reduce_all(plane, self.width / 2, self.height / 2, halve_chroma);
         }
     }
 
     /// Makes the levels of luma alone.
     pub(crate) fn reduce_luma(&mut self) {
-        reduce_all(&mut self.luma, self.width, self.height, luma_mean);
+        reduce_all(&mut self.luma, self.width, self.height, halve_luma);
     }
 
     /// A view for the stages.
@@ -258,18 +258,98 @@ impl<const LUMA: usize, const CHROMA: usize> Pyramid<LUMA, CHROMA> {
     }
 }
 
-/// Mean of four pixels.
-pub(crate) fn luma_mean(p: [u8; 4]) -> u8 {
-    // Pairs as words: their bytes need not be told apart one by one.
-    let [top, low] = [[p[0], p[1]], [p[2], p[3]]].map(u16::from_le_bytes);
-    let sum = (top & 255) + (top >> 8) + (low & 255) + (low >> 8);
-    #[allow(clippy::cast_possible_truncation, reason = "a mean of bytes")]
-    let mean = ((sum + 2) / 4) as u8;
-    mean
+/// Bytes that are halved together: words of four sums of 16 bits.
+const WORD: usize = 8;
+
+/// The lower byte of each sum, and one in each.
+const EVEN: u64 = 0x00ff_00ff_00ff_00ff;
+const ONES: u64 = 0x0001_0001_0001_0001;
+
+/// Means of the four squares that lie in a word and in that below it, halves rounded up.
+#[inline(always)]
+#[allow(clippy::cast_possible_truncation, reason = "four bytes")]
+const fn means(top: u64, low: u64) -> [u8; WORD / 2] {
+    let sums = (top & EVEN) + (top >> 8 & EVEN) + (low & EVEN) + (low >> 8 & EVEN) + 2 * ONES;
+    let means = sums >> 2 & EVEN;
+    let pairs = (means | means >> 8) & 0x0000_ffff_0000_ffff;
+    ((pairs | pairs >> 16) as u32).to_le_bytes()
+}
+
+/// Half a row of luma: means of two rows' squares.
+pub(crate) fn halve_luma(top: &[u8], low: &[u8], out: &mut [u8]) {
+    let (words, rest) = out.as_chunks_mut();
+    let ((top, top_rest), (low, low_rest)) = (top.as_chunks(), low.as_chunks());
+    for ((out, top), low) in words.iter_mut().zip(top).zip(low) {
+        *out = means(u64::from_le_bytes(*top), u64::from_le_bytes(*low));
+    }
+    let word = |row: &[u8]| row.iter().rev().fold(0, |word, &v| word << 8 | u64::from(v));
+    rest.copy_from_slice(&means(word(top_rest), word(low_rest))[..rest.len()]);
+}
+
+/// A number that chroma is kept as.
+pub(crate) trait Byte: Copy {
+    /// Its bits.
+    fn bits(self) -> u8;
+    /// The number of these bits.
+    fn from_bits(bits: u8) -> Self;
+}
+
+impl Byte for u8 {
+    fn bits(self) -> u8 {
+        self
+    }
+
+    fn from_bits(bits: u8) -> Self {
+        bits
+    }
+}
+
+impl Byte for i8 {
+    fn bits(self) -> u8 {
+        self.cast_unsigned()
+    }
+
+    fn from_bits(bits: u8) -> Self {
+        bits.cast_signed()
+    }
+}
+
+/// Half a row of chroma: means of two rows' squares, each of the pixels that have chroma, of
+/// which there must be two.
+pub(crate) fn halve_chroma<T: Byte>(top: &[T], low: &[T], out: &mut [T]) {
+    // What this turns over is the number plus 128, and no chroma is 0.
+    const SIGN: u64 = 0x80 * 0x0101_0101_0101_0101;
+    const { assert!(NO_CHROMA.cast_unsigned() == 0x80, "no chroma is the byte that is 0 here") };
+    let word = |row: &[T; WORD]| u64::from_le_bytes(row.map(T::bits)) ^ SIGN;
+    // Where the first byte that is 0 lies, and perhaps others above it, is a bit.
+    let zeros = |word: u64| word.wrapping_sub(SIGN >> 7) & !word & SIGN;
+    let (words, rest) = out.as_chunks_mut::<{ WORD / 2 }>();
+    let ((top, top_rest), (low, low_rest)) = (top.as_chunks(), low.as_chunks());
+    let mut lacking = 0;
+    for ((out, top), low) in words.iter_mut().zip(top).zip(low) {
+        let (top, low) = (word(top), word(low));
+        lacking |= zeros(top) | zeros(low);
+        *out = means(top, low).map(|mean| T::from_bits(mean ^ 0x80));
+    }
+    let square = |top: &[T], low: &[T]| {
+        T::from_bits(chroma_mean([top[0], top[1], low[0], low[1]].map(T::bits).map(u8::cast_signed)).cast_unsigned())
+    };
+    if lacking != 0 {
+        for ((out, top), low) in words.iter_mut().zip(top).zip(low) {
+            let words = [word(top), word(low)];
+            // Where nothing has chroma the mean of all has none either.
+            if zeros(words[0]) | zeros(words[1]) != 0 && words != [0; 2] {
+                *out = core::array::from_fn(|i| square(&top[2 * i..], &low[2 * i..]));
+            }
+        }
+    }
+    for ((out, top), low) in rest.iter_mut().zip(top_rest.as_chunks::<2>().0).zip(low_rest.as_chunks::<2>().0) {
+        *out = square(top, low);
+    }
 }
 
 /// Mean of the pixels that have chroma; at least two must.
-pub(crate) fn chroma_mean(p: [i8; 4]) -> i8 {
+fn chroma_mean(p: [i8; 4]) -> i8 {
     let (mut sum, mut n) = (0i16, 0i16);
     for v in p {
         if v != NO_CHROMA {
@@ -286,17 +366,15 @@ pub(crate) fn chroma_mean(p: [i8; 4]) -> i8 {
 }
 
 /// Makes the levels above level 0, which lies at the start of `data` and has `w` x
-/// `h` px; the others follow it.
-pub(crate) fn reduce_all<T: Copy>(data: &mut [T], mut w: usize, mut h: usize, mean: impl Fn([T; 4]) -> T) {
+/// `h` px; the others follow it. `halve` makes a row of two.
+pub(crate) fn reduce_all<T: Copy>(data: &mut [T], mut w: usize, mut h: usize, halve: impl Fn(&[T], &[T], &mut [T])) {
     let mut rest = data;
     for _ in 1..LEVELS {
         let (source, target) = rest.split_at_mut(w * h);
         let (hw, hh) = (w / 2, h / 2);
         for (y, out) in target[..hw * hh].chunks_exact_mut(hw.max(1)).enumerate() {
-            let (top, bottom) = source[2 * y * w..][..2 * w].split_at(w);
-            for ((o, t), b) in out.iter_mut().zip(top.chunks_exact(2)).zip(bottom.chunks_exact(2)) {
-                *o = mean([t[0], t[1], b[0], b[1]]);
-            }
+            let (top, low) = source[2 * y * w..][..2 * w].split_at(w);
+            halve(top, low, out);
         }
         rest = target;
         (w, h) = (hw, hh);

@@ -34,7 +34,7 @@ use crate::method::{Parameters, Ranking};
 use crate::model::{
     KEY, KEYPOINT, Layout, MAX_PICTURE_SIDE, Method, NAME_BYTES, OBJECT, Tiers, VERTICES, VIEW, template_bytes,
 };
-use crate::pyramid::{Pyramid, PyramidView, chroma_mean, luma_mean, plane_bytes, reduce_all};
+use crate::pyramid::{Pyramid, PyramidView, halve_chroma, halve_luma, plane_bytes, reduce_all};
 use crate::write::{is_one_of, key_bytes, put_u16, put_u32, sort_cell, write_header};
 
 /// Views that one model can be made from.
@@ -412,7 +412,7 @@ impl<const LUMA: usize, const CHROMA: usize, const SIDE: usize, const CORNERS: u
         let to_loaded = Homography::affine([sx, 0.0, (sx - 1.0) / 2.0, 0.0, sy, (sy - 1.0) / 2.0]);
         let (luma, chroma) = out[layout.templates..layout.end].split_at_mut(plane_bytes(tw, th));
         render_luma(&picture, &to_loaded, 1.0 / sx, tw, &mut luma[..tw * th]);
-        reduce_all(luma, tw, th, luma_mean);
+        reduce_all(luma, tw, th, halve_luma);
         let (a, b) = chroma.split_at_mut(chroma.len() / 2);
         let mut i = 0;
         render_chroma(&picture, &to_loaded, 1.0 / sx, tw / 2, th / 2, |v| {
@@ -420,7 +420,7 @@ impl<const LUMA: usize, const CHROMA: usize, const SIDE: usize, const CORNERS: u
             i += 1;
         });
         for plane in [a, b] {
-            reduce_all(plane, tw / 2, th / 2, |p| chroma_mean(p.map(u8::cast_signed)).cast_unsigned());
+            reduce_all(plane, tw / 2, th / 2, halve_chroma);
         }
     }
 }

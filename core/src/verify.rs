@@ -247,7 +247,7 @@ mod tests {
     use super::*;
     use crate::frame::{Frame, PixelFormat};
     use crate::model::template_bytes;
-    use crate::pyramid::{Pyramid, chroma_mean, luma_mean, plane_bytes, reduce_all};
+    use crate::pyramid::{Pyramid, halve_chroma, halve_luma, plane_bytes, reduce_all};
     use std::prelude::rust_2024::*;
     use std::vec;
 
@@ -282,13 +282,13 @@ mod tests {
         for y in 0..SIDE {
             luma[y * SIDE..][..SIDE].copy_from_slice(v.luma(0).row(y));
         }
-        reduce_all(luma, SIDE, SIDE, luma_mean);
+        reduce_all(luma, SIDE, SIDE, halve_luma);
         let half = SIDE / 2;
         for (plane, source) in chroma.chunks_exact_mut(plane_bytes(half, half)).zip(v.chroma(0)) {
             for (i, c) in plane[..half * half].iter_mut().enumerate() {
                 *c = source.row(i / half)[i % half].cast_unsigned();
             }
-            reduce_all(plane, half, half, |p| chroma_mean(p.map(u8::cast_signed)).cast_unsigned());
+            reduce_all(plane, half, half, halve_chroma);
         }
         bytes
     }
