@@ -186,11 +186,11 @@ pub fn detect_corners(
         let peaks = &mut *raw[0];
         find_peaks(around, peaks);
         for x in peaks_of(&peaks[..w - margin], margin) {
-            let corner = corner_at(around, x, y - 1);
-            if (corner.strength as f32) < cut {
+            if around[1][x] < cut {
                 continue;
             }
             stats.seen += 1;
+            let corner = corner_at(around, x, y - 1);
             if out.push(corner).is_err() {
                 cut = max(cut, drop_weaker_half(out, &mut stats) as f32);
                 if (corner.strength as f32) < cut || out.push(corner).is_err() {

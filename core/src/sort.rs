@@ -9,6 +9,10 @@
 //! Memory: one element. Cost: 15 comparisons an element for 1,000 of them. Equal elements
 //! end up in any order, the same on every machine.
 
+use core::cmp::Ordering;
+
+use crate::math::VECTORS;
+
 /// Ciura's gaps, and two more for larger frames than he had, each 2.25 times the last.
 const GAPS: [usize; 10] = [3937, 1750, 701, 301, 132, 57, 23, 10, 4, 1];
 
@@ -19,6 +23,18 @@ pub fn sort_by_key<T: Copy, K: Ord>(values: &mut [T], key: impl Fn(&T) -> K) {
 
 /// Sorts so that no element is `less` than the one before it.
 pub fn sort<T: Copy>(values: &mut [T], less: impl Fn(&T, &T) -> bool) {
+    if VECTORS {
+        values.sort_unstable_by(|a, b| {
+            if less(a, b) {
+                Ordering::Less
+            } else if less(b, a) {
+                Ordering::Greater
+            } else {
+                Ordering::Equal
+            }
+        });
+        return;
+    }
     for gap in GAPS {
         for i in gap..values.len() {
             let value = values[i];
