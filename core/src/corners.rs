@@ -313,7 +313,9 @@ pub fn rank_by_strength(corners: &mut VecView<Corner>, min_distance_px: u16, lim
 /// When `scratch` is shorter than twice the number of corners.
 pub fn rank_by_radius(corners: &mut VecView<Corner>, limit: usize, scratch: &mut [f32], stats: &mut StageStats) {
     sort_by_key(corners, by_strength);
-    let (xs, ys) = scratch[..2 * corners.len()].split_at_mut(corners.len());
+    let (xs, rest) = scratch.split_at_mut(corners.len());
+    let (ys, cells) = rest.split_at_mut(corners.len());
+    let mut last = Cells::new(cells);
     for ((x, y), c) in xs.iter_mut().zip(&mut *ys).zip(&*corners) {
         (*x, *y) = (f32::from(c.point.x), f32::from(c.point.y));
     }
@@ -323,9 +325,15 @@ pub fn rank_by_radius(corners: &mut VecView<Corner>, limit: usize, scratch: &mut
         // Strengths fall, so the clearly stronger ones come first, and become no fewer.
         let least = i64::from(corners[i].strength) * 10;
         while stronger < i && i64::from(corners[stronger].strength) * 9 >= least {
+            last.put([xs[stronger], ys[stronger]]);
             stronger += 1;
         }
-        corners[i].radius2 = nearest2([xs[i], ys[i]], &xs[..stronger], &ys[..stronger], reach.least);
+        let place = [xs[i], ys[i]];
+        corners[i].radius2 = if last.is_near(place, reach.least as f32) {
+            0
+        } else {
+            nearest2(place, &xs[..stronger], &ys[..stronger], reach.least)
+        };
         reach.add(corners[i].radius2);
     }
     let all = corners.len();
@@ -357,6 +365,54 @@ fn nearest2([x, y]: [f32; 2], xs: &[f32], ys: &[f32], least: u32) -> u32 {
         }
     }
     nearest as u32
+}
+
+/// The last place put into each cell of a grid, which repeats itself.
+struct Cells<'a> {
+    places: &'a mut [[f32; 2]],
+    rows: usize,
+}
+
+impl<'a> Cells<'a> {
+    /// 1/16 px that a cell is wide, in bits, and cells in a row; the next is the first again.
+    const SIZE: u32 = 8;
+    const ROW: usize = 32;
+
+    /// As many rows as there is room for.
+    fn new(scratch: &'a mut [f32]) -> Self {
+        let (places, _) = scratch.as_chunks_mut();
+        let rows = (places.len() / Self::ROW).checked_ilog2().map_or(0, |bits| 1 << bits);
+        let places = &mut places[..rows * Self::ROW];
+        places.fill([f32::MAX; 2]);
+        Self { places, rows }
+    }
+
+    #[allow(clippy::cast_possible_truncation, reason = "16 bits")]
+    fn cell([x, y]: [f32; 2]) -> [usize; 2] {
+        [x, y].map(|v| (v as i32 >> Self::SIZE).cast_unsigned() as usize)
+    }
+
+    /// Where a cell is kept.
+    fn index(&self, [x, y]: [usize; 2]) -> usize {
+        (y & self.rows.wrapping_sub(1)) * Self::ROW + (x & (Self::ROW - 1))
+    }
+
+    fn put(&mut self, place: [f32; 2]) {
+        let at = self.index(Self::cell(place));
+        if let Some(kept) = self.places.get_mut(at) {
+            *kept = place;
+        }
+    }
+
+    /// Whether one in this cell or those around it is nearer than the root of `least`.
+    fn is_near(&self, [x, y]: [f32; 2], least: f32) -> bool {
+        const AROUND: [[usize; 2]; 9] = [[1, 1], [1, 0], [0, 1], [2, 1], [1, 2], [0, 0], [2, 0], [0, 2], [2, 2]];
+        let [column, row] = Self::cell([x, y]).map(|v| v.wrapping_sub(1));
+        AROUND.iter().any(|[right, down]| {
+            let at = self.index([column.wrapping_add(*right), row.wrapping_add(*down)]);
+            self.places.get(at).is_some_and(|[u, v]| (u - x) * (u - x) + (v - y) * (v - y) < least)
+        })
+    }
 }
 
 /// What `limit` radii reach.
