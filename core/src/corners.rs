@@ -140,6 +140,11 @@ fn max(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }
 
+/// The smaller of two numbers, which are numbers.
+fn min(a: f32, b: f32) -> f32 {
+    if a < b { a } else { b }
+}
+
 /// Finds the corners of `luma`, in no particular order: rank them next.
 ///
 /// `scratch` needs [`SCRATCH_ROWS`] times the width; `out` is cleared first. Its
@@ -344,27 +349,36 @@ pub fn rank_by_radius(corners: &mut VecView<Corner>, limit: usize, scratch: &mut
     stats.kept = count(corners.len());
 }
 
-/// Squared distance of a point to the nearest of others; anything below `least` if
-/// that is.
+/// Squared distance of a place to the nearest of others; anything below `least` if that is.
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "squares of 16 bits, or saturating")]
-fn nearest2([x, y]: [f32; 2], xs: &[f32], ys: &[f32], least: u32) -> u32 {
-    let distance2 = |a: f32, b: f32| (a - x) * (a - x) + (b - y) * (b - y);
-    let min = |a: f32, b: f32| if a < b { a } else { b };
-    let mut near = [f32::MAX; LANES];
-    let mut nearest = f32::MAX;
-    // Some chunks at a time, so that they are seldom compared with `least`.
-    for (xs, ys) in xs.chunks(8 * LANES).zip(ys.chunks(8 * LANES)) {
-        let ((xc, xr), (yc, yr)) = (xs.as_chunks::<LANES>(), ys.as_chunks::<LANES>());
-        for (a, b) in xc.iter().zip(yc) {
-            near = core::array::from_fn(|i| min(near[i], distance2(a[i], b[i])));
+fn nearest2(place: [f32; 2], xs: &[f32], ys: &[f32], least: u32) -> u32 {
+    let mut near = [f32::MAX; if VECTORS { 4 } else { 2 } * LANES];
+    for (xs, ys) in xs.chunks(near.len()).zip(ys.chunks(near.len())) {
+        if VECTORS {
+            nearer2(&mut near, place, xs, ys);
+            continue;
         }
-        nearest = xr.iter().zip(yr).fold(nearest, |n, (&a, &b)| min(n, distance2(a, b)));
-        nearest = near.iter().fold(nearest, |n, &d| min(n, d));
-        if nearest < least as f32 {
+        near[0] = xs.iter().zip(ys).fold(near[0], |near, (&u, &v)| min(near, distance2(place, [u, v])));
+        if near[0] < least as f32 {
             break;
         }
     }
-    nearest as u32
+    // Of floats that are not below 0 the least has the least bits.
+    let bits = near.iter().fold(i32::MAX, |least, d| least.min(d.to_bits().cast_signed()));
+    f32::from_bits(bits.cast_unsigned()) as u32
+}
+
+/// Lowers squared distances to those of other places. Not inlined: sums in registers would
+/// not become vectors.
+#[inline(never)]
+fn nearer2(near: &mut [f32], place: [f32; 2], xs: &[f32], ys: &[f32]) {
+    for ((near, u), v) in near.iter_mut().zip(xs).zip(ys) {
+        *near = min(*near, distance2(place, [*u, *v]));
+    }
+}
+
+fn distance2([x, y]: [f32; 2], [u, v]: [f32; 2]) -> f32 {
+    (u - x) * (u - x) + (v - y) * (v - y)
 }
 
 /// The last place put into each cell of a grid, which repeats itself.
@@ -405,12 +419,12 @@ impl<'a> Cells<'a> {
     }
 
     /// Whether one in this cell or those around it is nearer than the root of `least`.
-    fn is_near(&self, [x, y]: [f32; 2], least: f32) -> bool {
+    fn is_near(&self, place: [f32; 2], least: f32) -> bool {
         const AROUND: [[usize; 2]; 9] = [[1, 1], [1, 0], [0, 1], [2, 1], [1, 2], [0, 0], [2, 0], [0, 2], [2, 2]];
-        let [column, row] = Self::cell([x, y]).map(|v| v.wrapping_sub(1));
+        let [column, row] = Self::cell(place).map(|v| v.wrapping_sub(1));
         AROUND.iter().any(|[right, down]| {
             let at = self.index([column.wrapping_add(*right), row.wrapping_add(*down)]);
-            self.places.get(at).is_some_and(|[u, v]| (u - x) * (u - x) + (v - y) * (v - y) < least)
+            self.places.get(at).is_some_and(|&kept| distance2(place, kept) < least)
         })
     }
 }
