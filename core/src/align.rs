@@ -10,6 +10,8 @@
 //! Memory: some 2 KB of stack. Cost: one bilinear sample for each pixel
 //! of the template (9,216 at most).
 
+use core::ops::Range;
+
 use crate::capacity::{LEVELS, TEMPLATE_SIDE};
 use crate::frame::NO_CHROMA;
 use crate::geometry::{Homography, area, is_convex};
@@ -145,7 +147,7 @@ impl Moments {
 
 /// The columns of each of `blocks` blocks of a row of `width`, or the rows of a height: those
 /// whose `x * blocks / width` is the block's number; but for a `margin` at both ends.
-fn block_ranges(width: usize, blocks: usize, margin: usize) -> impl Iterator<Item = core::ops::Range<usize>> {
+fn block_ranges(width: usize, blocks: usize, margin: usize) -> impl Iterator<Item = Range<usize>> {
     let start = move |b: usize| (b * width).div_ceil(blocks).max(margin);
     (0..blocks).map(move |b| start(b)..start(b + 1).min(width.saturating_sub(margin)))
 }
@@ -154,6 +156,11 @@ fn block_ranges(width: usize, blocks: usize, margin: usize) -> impl Iterator<Ite
 /// with room for whole groups from any pixel on.
 type Row = [f32; TEMPLATE_SIDE + LANES];
 const NOTHING: Row = [f32::NAN; TEMPLATE_SIDE + LANES];
+
+/// Rows that are kept from the first look at a row of blocks to the second: all of them, of
+/// four blocks each way or more, but where that is more stack than there is.
+const BAND: usize = if VECTORS { TEMPLATE_SIDE / 4 } else { 1 };
+type Band = [Row; BAND];
 
 /// Values from `first` on, at most `n` of them, and 1 for each that there is, or 0; `None` where
 /// there is none.
@@ -205,32 +212,45 @@ impl Overlay<'_> {
         }
     }
 
-    /// Correlates each of `blocks` x `blocks` blocks, but for a `margin`.
-    fn correlate(&self, blocks: usize, margin: usize) -> [Moments; BLOCKS * BLOCKS] {
-        let (w, h) = (self.luma.width(), self.luma.height());
+    /// Correlates each of `blocks` x `blocks` blocks.
+    fn correlate(&self, blocks: usize) -> [Moments; BLOCKS * BLOCKS] {
         let mut moments = [Moments::default(); BLOCKS * BLOCKS];
-        let mut frame = NOTHING;
-        for (moments, ys) in moments.chunks_exact_mut(blocks).zip(block_ranges(h, blocks, margin)) {
-            let mut pairs: [Pairs<LANES>; BLOCKS] = Default::default();
-            for y in ys {
-                let row = self.luma.row(y);
-                self.row(y, &mut frame);
-                for (pairs, xs) in pairs.iter_mut().zip(block_ranges(w, blocks, margin)) {
-                    for lane in (0..LANES).step_by(AT_ONCE) {
-                        let mut sums = part(pairs, lane);
-                        for x in (xs.start + lane..xs.end).step_by(LANES) {
-                            let Some((f, seen)) = group(&frame, x, xs.end - x) else { continue };
-                            add_pairs(&mut sums, &window(row, x).map(f32::from), &f, &seen);
-                        }
-                        put_back(pairs, lane, &sums);
-                    }
-                }
-            }
+        let mut band = [NOTHING; BAND];
+        for (moments, ys) in moments.chunks_exact_mut(blocks).zip(block_ranges(self.luma.height(), blocks, 0)) {
+            let pairs = self.correlate_band(ys, blocks, 0, &mut band);
             for (m, pairs) in moments.iter_mut().zip(&pairs) {
                 *m = Moments::new(pairs);
             }
         }
         moments
+    }
+
+    /// Correlates each of the blocks whose rows are `ys`, but for a `margin`, and leaves in
+    /// `band` what the frame shows there.
+    #[inline(never)]
+    fn correlate_band(
+        &self,
+        ys: Range<usize>,
+        blocks: usize,
+        margin: usize,
+        band: &mut Band,
+    ) -> [Pairs<LANES>; BLOCKS] {
+        let mut pairs: [Pairs<LANES>; BLOCKS] = Default::default();
+        for (i, y) in ys.enumerate() {
+            let (row, frame) = (self.luma.row(y), &mut band[i % BAND]);
+            self.row(y, frame);
+            for (pairs, xs) in pairs.iter_mut().zip(block_ranges(self.luma.width(), blocks, margin)) {
+                for lane in (0..LANES).step_by(AT_ONCE) {
+                    let mut sums = part(pairs, lane);
+                    for x in (xs.start + lane..xs.end).step_by(LANES) {
+                        let Some((f, seen)) = group(frame, x, xs.end - x) else { continue };
+                        add_pairs(&mut sums, &window(row, x).map(f32::from), &f, &seen);
+                    }
+                    put_back(pairs, lane, &sums);
+                }
+            }
+        }
+        pairs
     }
 }
 
@@ -300,7 +320,7 @@ impl Blocks {
         let target = level_for(&h, tw as f32, th as f32);
         let plane = view.luma(target);
         let map = into_level(target).after(&h);
-        let moments = Overlay { luma, plane, map }.correlate(BLOCKS, 0);
+        let moments = Overlay { luma, plane, map }.correlate(BLOCKS);
         let full = (tw * th / (BLOCKS * BLOCKS)) as f32;
         let mut blocks = Self { values: [0.0; BLOCKS * BLOCKS], places: [0; BLOCKS * BLOCKS], n: 0, inside: 0 };
         for (place, m) in (0u8..).zip(&moments) {
@@ -485,7 +505,6 @@ impl<'a> Coarse<'a> {
         let unit = self.unit();
         let overlay =
             Overlay { luma: self.luma, plane: view.luma(level), map: into_level(level).after(g).after(&unit) };
-        let light = light.get_or_insert_with(|| self.light(&overlay));
         let mut normal = Normal::default();
         self.look(&overlay, &unit, light, &mut normal);
         let Normal(mut normal) = normal;
@@ -504,32 +523,36 @@ impl<'a> Coarse<'a> {
         g.0.iter().all(|v| v.is_finite()).then_some((g, unit_px * moved[0].max(moved[1])))
     }
 
-    /// How the inner coarse pixels are lit that lie in the frame.
-    #[inline(never)]
-    fn light(&self, overlay: &Overlay<'_>) -> Light {
-        overlay.correlate(self.blocks, 1).map(Shade::new)
-    }
-
     /// Looks at each inner coarse pixel that lies in the frame: adds what the errors under this
-    /// light ask for to `normal`, and brings the light up to date.
+    /// light ask for to `normal`, and brings the light up to date. Where there is none each row
+    /// of blocks is looked at twice, first for its light.
     #[inline(never)]
-    fn look(&self, overlay: &Overlay<'_>, unit: &Homography, light: &mut Light, normal: &mut Normal) {
+    fn look(&self, overlay: &Overlay<'_>, unit: &Homography, light: &mut Option<Light>, normal: &mut Normal) {
+        let is_new = light.is_none();
+        let light = light.get_or_insert([Shade::default(); BLOCKS * BLOCKS]);
         // Gradients of unit coordinates from differences over two px.
         let per_unit = self.side / (2.0 * self.step as f32);
         let [w, h] = self.size;
-        let mut frame = NOTHING;
+        let mut band = [NOTHING; BAND];
         for (ys, light) in block_ranges(h, self.blocks, 1).zip(light.chunks_exact_mut(self.blocks)) {
+            if is_new {
+                let pairs = overlay.correlate_band(ys.clone(), self.blocks, 1, &mut band);
+                light.iter_mut().zip(&pairs).for_each(|(shade, pairs)| *shade = Shade::new(Moments::new(pairs)));
+            }
             let mut pairs: [Pairs<LANES>; BLOCKS] = Default::default();
-            for y in ys {
+            for (i, y) in ys.enumerate() {
                 let rows = [y - 1, y, y + 1].map(|y| self.luma.row(y));
-                overlay.row(y, &mut frame);
+                let frame = &mut band[i % BAND];
+                if !is_new || BAND == 1 {
+                    overlay.row(y, frame);
+                }
                 let mut line = Line::default();
                 for lane in (0..LANES).step_by(AT_ONCE) {
                     let mut sums = part(&line, lane);
                     for ((shade, pairs), xs) in light.iter().zip(&mut pairs).zip(block_ranges(w, self.blocks, 1)) {
                         let mut block = part(pairs, lane);
                         for x in (xs.start + lane..xs.end).step_by(LANES) {
-                            let Some((f, seen)) = group(&frame, x, xs.end - x) else { continue };
+                            let Some((f, seen)) = group(frame, x, xs.end - x) else { continue };
                             let [above, row, below] = rows.map(|r| window::<{ AT_ONCE + 2 }>(r, x - 1));
                             let t = core::array::from_fn(|i| f32::from(row[i + 1]));
                             add_pairs(&mut block, &t, &f, &seen);
@@ -555,15 +578,13 @@ impl<'a> Coarse<'a> {
                 }
                 normal.add(&line, unit.0[4] * number(y) + unit.0[5]);
             }
-            for (shade, pairs) in light.iter_mut().zip(&pairs) {
-                *shade = Shade::new(Moments::new(pairs));
-            }
+            light.iter_mut().zip(&pairs).for_each(|(shade, pairs)| *shade = Shade::new(Moments::new(pairs)));
         }
     }
 }
 
 /// How a block is lit in template and frame, and how much it counts.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Default)]
 struct Shade {
     scale_t: f32,
     scale_f: f32,
