@@ -408,7 +408,7 @@ impl<'a> Cells<'a> {
 
     /// Where a cell is kept.
     fn index(&self, [x, y]: [usize; 2]) -> usize {
-        (y & self.rows.wrapping_sub(1)) * Self::ROW + (x & (Self::ROW - 1))
+        (y & self.rows.wrapping_sub(1)).wrapping_mul(Self::ROW) + (x & (Self::ROW - 1))
     }
 
     fn put(&mut self, place: [f32; 2]) {
