@@ -152,6 +152,12 @@ fn block_ranges(width: usize, blocks: usize, margin: usize) -> impl Iterator<Ite
     (0..blocks).map(move |b| start(b)..start(b + 1).min(width.saturating_sub(margin)))
 }
 
+/// The columns of each, which are asked for in every row.
+fn block_columns(width: usize, blocks: usize, margin: usize) -> [Range<usize>; BLOCKS] {
+    let mut ranges = block_ranges(width, blocks, margin);
+    core::array::from_fn(|_| ranges.next().unwrap_or_default())
+}
+
 /// What the frame shows where a row of the template lies, no number where it shows nothing;
 /// with room for whole groups from any pixel on.
 type Row = [f32; TEMPLATE_SIDE + LANES];
@@ -170,7 +176,9 @@ fn group(row: &Row, first: usize, n: usize) -> Option<(Numbers, Numbers)> {
     if AT_ONCE == 1 {
         return (values[0] >= 0.0).then_some((values, [1.0; AT_ONCE]));
     }
-    let there = |i: usize| (values[i] >= 0.0) & (i < n);
+    // Numbers, since they are compared side by side.
+    let n = number(n);
+    let there = |i: usize| (values[i] >= 0.0) & (number(i) < n);
     let seen = core::array::from_fn(|i| if there(i) { 1.0 } else { 0.0 });
     Some((core::array::from_fn(|i| if there(i) { values[i] } else { 0.0 }), seen))
 }
@@ -216,8 +224,9 @@ impl Overlay<'_> {
     fn correlate(&self, blocks: usize) -> [Moments; BLOCKS * BLOCKS] {
         let mut moments = [Moments::default(); BLOCKS * BLOCKS];
         let mut band = [NOTHING; BAND];
+        let columns = block_columns(self.luma.width(), blocks, 0);
         for (moments, ys) in moments.chunks_exact_mut(blocks).zip(block_ranges(self.luma.height(), blocks, 0)) {
-            let pairs = self.correlate_band(ys, blocks, 0, &mut band);
+            let pairs = self.correlate_band(ys, &columns[..blocks], &mut band);
             for (m, pairs) in moments.iter_mut().zip(&pairs) {
                 *m = Moments::new(pairs);
             }
@@ -225,21 +234,15 @@ impl Overlay<'_> {
         moments
     }
 
-    /// Correlates each of the blocks whose rows are `ys`, but for a `margin`, and leaves in
-    /// `band` what the frame shows there.
+    /// Correlates each of the blocks that have these rows and columns, and leaves in `band` what
+    /// the frame shows there.
     #[inline(never)]
-    fn correlate_band(
-        &self,
-        ys: Range<usize>,
-        blocks: usize,
-        margin: usize,
-        band: &mut Band,
-    ) -> [Pairs<LANES>; BLOCKS] {
+    fn correlate_band(&self, ys: Range<usize>, columns: &[Range<usize>], band: &mut Band) -> [Pairs<LANES>; BLOCKS] {
         let mut pairs: [Pairs<LANES>; BLOCKS] = Default::default();
         for (i, y) in ys.enumerate() {
             let (row, frame) = (self.luma.row(y), &mut band[i % BAND]);
             self.row(y, frame);
-            for (pairs, xs) in pairs.iter_mut().zip(block_ranges(self.luma.width(), blocks, margin)) {
+            for (pairs, xs) in pairs.iter_mut().zip(columns) {
                 for lane in (0..LANES).step_by(AT_ONCE) {
                     let mut sums = part(pairs, lane);
                     for x in (xs.start + lane..xs.end).step_by(LANES) {
@@ -534,9 +537,10 @@ impl<'a> Coarse<'a> {
         let per_unit = self.side / (2.0 * self.step as f32);
         let [w, h] = self.size;
         let mut band = [NOTHING; BAND];
+        let columns = block_columns(w, self.blocks, 1);
         for (ys, light) in block_ranges(h, self.blocks, 1).zip(light.chunks_exact_mut(self.blocks)) {
             if is_new {
-                let pairs = overlay.correlate_band(ys.clone(), self.blocks, 1, &mut band);
+                let pairs = overlay.correlate_band(ys.clone(), &columns[..self.blocks], &mut band);
                 light.iter_mut().zip(&pairs).for_each(|(shade, pairs)| *shade = Shade::new(Moments::new(pairs)));
             }
             let mut pairs: [Pairs<LANES>; BLOCKS] = Default::default();
@@ -549,7 +553,7 @@ impl<'a> Coarse<'a> {
                 let mut line = Line::default();
                 for lane in (0..LANES).step_by(AT_ONCE) {
                     let mut sums = part(&line, lane);
-                    for ((shade, pairs), xs) in light.iter().zip(&mut pairs).zip(block_ranges(w, self.blocks, 1)) {
+                    for ((shade, pairs), xs) in light.iter().zip(&mut pairs).zip(&columns) {
                         let mut block = part(pairs, lane);
                         for x in (xs.start + lane..xs.end).step_by(LANES) {
                             let Some((f, seen)) = group(frame, x, xs.end - x) else { continue };
