@@ -239,15 +239,17 @@ impl Overlay<'_> {
     #[inline(never)]
     fn correlate_band(&self, ys: Range<usize>, columns: &[Range<usize>], band: &mut Band) -> [Pairs<LANES>; BLOCKS] {
         let mut pairs: [Pairs<LANES>; BLOCKS] = Default::default();
+        let mut numbers = NO_NUMBERS;
         for (i, y) in ys.enumerate() {
             let (row, frame) = (self.luma.row(y), &mut band[i % BAND]);
             self.row(y, frame);
+            row_of_numbers(row, &mut numbers);
             for (pairs, xs) in pairs.iter_mut().zip(columns) {
                 for lane in (0..LANES).step_by(AT_ONCE) {
                     let mut sums = part(pairs, lane);
                     for x in (xs.start + lane..xs.end).step_by(LANES) {
                         let Some((f, seen)) = group(frame, x, xs.end - x) else { continue };
-                        add_pairs(&mut sums, &window(row, x).map(f32::from), &f, &seen);
+                        add_pairs(&mut sums, &pixels(row, &numbers, x), &f, &seen);
                     }
                     put_back(pairs, lane, &sums);
                 }
@@ -257,15 +259,42 @@ impl Overlay<'_> {
     }
 }
 
-/// Pixels of a row from `first` on; 0 beyond its end.
-fn window<const N: usize>(row: &[u8], first: usize) -> [u8; N] {
-    if AT_ONCE == 1 {
-        return core::array::from_fn(|i| row[first + i]);
+/// A row of the template as numbers, with room for whole groups from any pixel on, where they
+/// are worth the stack.
+type RowOfNumbers = [f32; if VECTORS { TEMPLATE_SIDE + LANES } else { 0 }];
+const NO_NUMBERS: RowOfNumbers = [0.0; if VECTORS { TEMPLATE_SIDE + LANES } else { 0 }];
+
+/// Makes them, where they are.
+#[inline]
+fn row_of_numbers(row: &[u8], out: &mut RowOfNumbers) {
+    for (out, &v) in out.iter_mut().zip(row) {
+        *out = f32::from(v);
     }
-    match row.get(first..first + N) {
-        Some(pixels) => core::array::from_fn(|i| pixels[i]),
-        None => core::array::from_fn(|i| row.get(first + i).copied().unwrap_or(0)),
+}
+
+/// Steps from what lies before the pixels of a row, but for the first, to what lies after them.
+#[inline]
+fn row_of_steps([before, after]: [&[u8]; 2], out: &mut RowOfNumbers) {
+    for ((out, &a), &b) in out.iter_mut().skip(1).zip(after).zip(before) {
+        *out = step(b, a);
     }
+}
+
+fn step(before: u8, after: u8) -> f32 {
+    f32::from(i16::from(after) - i16::from(before))
+}
+
+/// Those of the pixels from `first` on.
+#[inline]
+fn steps([before, after]: [&[u8]; 2], numbers: &RowOfNumbers, first: usize) -> Numbers {
+    let one = |i: usize| step(before[first - 1 + i], after[first - 1 + i]);
+    core::array::from_fn(|i| if VECTORS { numbers[first + i] } else { one(i) })
+}
+
+/// Pixels of a row from `first` on.
+#[inline]
+fn pixels(row: &[u8], numbers: &RowOfNumbers, first: usize) -> Numbers {
+    core::array::from_fn(|i| if VECTORS { numbers[first + i] } else { f32::from(row[first + i]) })
 }
 
 /// A coordinate of a template as a number.
@@ -449,10 +478,11 @@ pub(crate) fn refine_by(
         let coarse = Coarse::new(template, level, blocks, side, middle);
         let mut g = best.0.after(&to_picture).after(&unit);
         let mut light = None;
-        for _ in 0..times {
+        for i in 0..times {
             // On the finest level steps are so small that the light of the one before will do.
-            light = light.filter(|_| level == 0);
-            let Some((next, moved)) = coarse.improve(view, &g, &mut light) else { break };
+            let again = level == 0 && i + 1 < times;
+            let Some((next, moved)) = coarse.improve(view, &g, &mut light, again) else { break };
+            light = light.filter(|_| again);
             g = next;
             if moved < STILL[level.min(1)] {
                 break;
@@ -495,8 +525,14 @@ impl<'a> Coarse<'a> {
 
     /// One Gauss-Newton step of `g`, which maps unit coordinates to the frame; and how far it
     /// moves a corner, coarse px. `light` is that of the step before, and is brought up to
-    /// date.
-    fn improve(&self, view: &PyramidView<'_>, g: &Homography, light: &mut Option<Light>) -> Option<(Homography, f32)> {
+    /// date for one that follows, if it is asked for `again`.
+    fn improve(
+        &self,
+        view: &PyramidView<'_>,
+        g: &Homography,
+        light: &mut Option<Light>,
+        again: bool,
+    ) -> Option<(Homography, f32)> {
         let corner = |x: f32, y: f32| g.apply([x / self.side, y / self.side]);
         let [w, h] = [self.middle[0], self.middle[1]];
         let outline = [corner(-w, -h), corner(w, -h), corner(w, h), corner(-w, h)];
@@ -509,7 +545,7 @@ impl<'a> Coarse<'a> {
         let overlay =
             Overlay { luma: self.luma, plane: view.luma(level), map: into_level(level).after(g).after(&unit) };
         let mut normal = Normal::default();
-        self.look(&overlay, &unit, light, &mut normal);
+        self.look(&overlay, &unit, light, again, &mut normal);
         let Normal(mut normal) = normal;
         // Damping: a little of each direction's own curvature.
         for (i, row) in normal.iter_mut().enumerate() {
@@ -527,12 +563,20 @@ impl<'a> Coarse<'a> {
     }
 
     /// Looks at each inner coarse pixel that lies in the frame: adds what the errors under this
-    /// light ask for to `normal`, and brings the light up to date. Where there is none each row
-    /// of blocks is looked at twice, first for its light.
+    /// light ask for to `normal`, and brings the light up to date where it is asked for `again`.
+    /// Where there is none each row of blocks is looked at twice, first for its light.
     #[inline(never)]
-    fn look(&self, overlay: &Overlay<'_>, unit: &Homography, light: &mut Option<Light>, normal: &mut Normal) {
+    fn look(
+        &self,
+        overlay: &Overlay<'_>,
+        unit: &Homography,
+        light: &mut Option<Light>,
+        again: bool,
+        normal: &mut Normal,
+    ) {
         let is_new = light.is_none();
         let light = light.get_or_insert([Shade::default(); BLOCKS * BLOCKS]);
+        let [mut numbers, mut across, mut down] = [NO_NUMBERS; 3];
         // Gradients of unit coordinates from differences over two px.
         let per_unit = self.side / (2.0 * self.step as f32);
         let [w, h] = self.size;
@@ -541,11 +585,15 @@ impl<'a> Coarse<'a> {
         for (ys, light) in block_ranges(h, self.blocks, 1).zip(light.chunks_exact_mut(self.blocks)) {
             if is_new {
                 let pairs = overlay.correlate_band(ys.clone(), &columns[..self.blocks], &mut band);
-                light.iter_mut().zip(&pairs).for_each(|(shade, pairs)| *shade = Shade::new(Moments::new(pairs)));
+                Shade::renew(light, &pairs);
             }
             let mut pairs: [Pairs<LANES>; BLOCKS] = Default::default();
             for (i, y) in ys.enumerate() {
-                let rows = [y - 1, y, y + 1].map(|y| self.luma.row(y));
+                let [above, row, below] = [y - 1, y, y + 1].map(|y| self.luma.row(y));
+                row_of_numbers(row, &mut numbers);
+                let (beside, upright) = ([row, &row[2..]], [&above[1..], &below[1..]]);
+                row_of_steps(beside, &mut across);
+                row_of_steps(upright, &mut down);
                 let frame = &mut band[i % BAND];
                 if !is_new || BAND == 1 {
                     overlay.row(y, frame);
@@ -557,20 +605,21 @@ impl<'a> Coarse<'a> {
                         let mut block = part(pairs, lane);
                         for x in (xs.start + lane..xs.end).step_by(LANES) {
                             let Some((f, seen)) = group(frame, x, xs.end - x) else { continue };
-                            let [above, row, below] = rows.map(|r| window::<{ AT_ONCE + 2 }>(r, x - 1));
-                            let t = core::array::from_fn(|i| f32::from(row[i + 1]));
-                            add_pairs(&mut block, &t, &f, &seen);
+                            let t = pixels(row, &numbers, x);
+                            if again {
+                                add_pairs(&mut block, &t, &f, &seen);
+                            }
                             if shade.weight < LEAST_WEIGHT {
                                 continue;
                             }
                             let e =
                                 core::array::from_fn(|i| f[i] * shade.scale_f - t[i] * shade.scale_t + shade.offset);
-                            let slope =
-                                |a: u8, b: u8| f32::from(i16::from(a) - i16::from(b)) * (shade.scale_t * per_unit);
+                            let scale = shade.scale_t * per_unit;
+                            let slope = |side: [&[u8]; 2], numbers| steps(side, numbers, x).map(|v| v * scale);
                             let pixels = Pixels {
                                 u: core::array::from_fn(|i| unit.0[0] * number(x + i) + unit.0[2]),
-                                gx: core::array::from_fn(|i| slope(row[i + 2], row[i])),
-                                gy: core::array::from_fn(|i| slope(below[i + 1], above[i + 1])),
+                                gx: slope(beside, &across),
+                                gy: slope(upright, &down),
                                 e,
                                 weight: core::array::from_fn(|i| seen[i] * (shade.weight / (1.0 + e[i] * e[i]))),
                             };
@@ -582,7 +631,9 @@ impl<'a> Coarse<'a> {
                 }
                 normal.add(&line, unit.0[4] * number(y) + unit.0[5]);
             }
-            light.iter_mut().zip(&pairs).for_each(|(shade, pairs)| *shade = Shade::new(Moments::new(pairs)));
+            if again {
+                Shade::renew(light, &pairs);
+            }
         }
     }
 }
@@ -598,6 +649,14 @@ struct Shade {
 }
 
 impl Shade {
+    /// Of a row of blocks.
+    #[inline(never)]
+    fn renew(light: &mut [Self], pairs: &[Pairs<LANES>; BLOCKS]) {
+        for (shade, pairs) in light.iter_mut().zip(pairs) {
+            *shade = Self::new(Moments::new(pairs));
+        }
+    }
+
     fn new(m: Moments) -> Self {
         let usable = m.t > 4.0 && m.f > 1.0;
         let correlation = if usable { m.tf / math::sqrt(m.t * m.f) } else { 0.0 };

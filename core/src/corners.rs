@@ -420,10 +420,10 @@ impl<'a> Cells<'a> {
 
     /// Whether one in this cell or those around it is nearer than the root of `least`.
     fn is_near(&self, place: [f32; 2], least: f32) -> bool {
-        const AROUND: [[usize; 2]; 9] = [[1, 1], [1, 0], [0, 1], [2, 1], [1, 2], [0, 0], [2, 0], [0, 2], [2, 2]];
+        const AROUND: [[u8; 2]; 9] = [[1, 1], [1, 0], [0, 1], [2, 1], [1, 2], [0, 0], [2, 0], [0, 2], [2, 2]];
         let [column, row] = Self::cell(place).map(|v| v.wrapping_sub(1));
-        AROUND.iter().any(|[right, down]| {
-            let at = self.index([column.wrapping_add(*right), row.wrapping_add(*down)]);
+        AROUND.iter().any(|&[right, down]| {
+            let at = self.index([column.wrapping_add(right.into()), row.wrapping_add(down.into())]);
             self.places.get(at).is_some_and(|&kept| distance2(place, kept) < least)
         })
     }
