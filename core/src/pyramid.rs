@@ -96,12 +96,19 @@ impl Plane<'_, u8> {
             let (fx, fy) = (math::whole(x[i] * PARTS), math::whole(y[i] * PARTS));
             let (column, row) = (fx >> 8, fy >> 8);
             let inside = (column >= 0) & (column < right) & (row >= 0) & (row < bottom);
-            squares[i] = if inside { row.wrapping_mul(width).wrapping_add(column).cast_unsigned() } else { 0 };
+            // 15 bits each, so that one instruction multiplies them.
+            let start = (row & 0x7fff) * (width & 0x7fff) + column;
+            squares[i] = if inside { start.cast_unsigned() } else { 0 };
             x[i] = if inside { (fx & 255) as f32 } else { f32::NAN };
             y[i] = (fy & 255) as f32;
         }
+        // Of one length, so that what is within the one is within the other.
+        let low = &self.data[self.width..];
+        let top = &self.data[..low.len()];
         for square in squares.iter_mut() {
-            *square = self.square_from(*square as usize);
+            let at = *square as usize;
+            let pair = |row: &[u8]| row.get(at..at + 2).map_or(0, |v| u32::from(v[0]) | u32::from(v[1]) << 8);
+            *square = pair(top) | pair(low) << 16;
         }
         for i in 0..n {
             // As `between` has it: no step is rounded.
@@ -123,13 +130,6 @@ impl Plane<'_, u8> {
         let low = top.get(self.width..)?;
         let ([a, b], [c, d]) = (*top.first_chunk()?, *low.first_chunk()?);
         Some([a, b, c, d].map(i32::from))
-    }
-
-    /// The same from an index on, a byte each from the lowest on.
-    #[inline]
-    fn square_from(&self, at: usize) -> u32 {
-        let pair = |at: usize| self.data.get(at..at + 2).map_or(0, |v| u32::from(v[0]) | u32::from(v[1]) << 8);
-        pair(at) | pair(at + self.width) << 16
     }
 
     /// [`Plane::sample`], clamped to the plane.
