@@ -423,12 +423,25 @@ pub(crate) fn appearance_of_luma(
     }
 }
 
-/// A step of [`refine`]: level of the template, blocks each way whose light is
-/// evened out, how often, and the share of the support so far that must be left.
-/// Support is seen on level 1, too coarse to tell what the finest step gains: it
-/// must only not lose the object.
-pub(crate) type Refinement = (usize, usize, usize, f32);
-const REFINEMENTS: [Refinement; 3] = [(2, 4, 5, 1.0), (1, 6, 4, 1.0), (0, 6, 3, 0.98)];
+/// Some steps of [`refine`].
+pub(crate) struct Refinement {
+    /// Level of the template.
+    pub(crate) level: usize,
+    /// Blocks each way whose light is evened out.
+    pub(crate) blocks: usize,
+    /// Most steps.
+    pub(crate) times: usize,
+    /// A step that moves no corner so far, px of the level, is the last.
+    pub(crate) still: f32,
+    /// Share of the support so far that must be left. Support is seen on level 1, too coarse to
+    /// tell what the finest steps gain: they must only not lose the object.
+    pub(crate) keep: f32,
+}
+const REFINEMENTS: [Refinement; 3] = [
+    Refinement { level: 2, blocks: 4, times: 5, still: 0.05, keep: 1.0 },
+    Refinement { level: 1, blocks: 6, times: 4, still: 0.05, keep: 1.0 },
+    Refinement { level: 0, blocks: 6, times: 3, still: 0.02, keep: 0.98 },
+];
 
 /// Aligns the frame with the template by their gradients, starting at `h` (picture
 /// px to frame px), from coarse to fine, and gives the homography that most blocks
@@ -450,10 +463,6 @@ pub fn refine(
     refine_by(&REFINEMENTS, LEAST_SUPPORT, view, template, h, [width, height])
 }
 
-/// A step that moves no corner so far, px of its level of the template, is the last there:
-/// on the finest level, whose place is the result, and on the others.
-const STILL: [f32; 2] = [0.02, 0.05];
-
 /// [`refine`] by these steps, with so much support at the start and after the first.
 pub(crate) fn refine_by(
     steps: &[Refinement],
@@ -474,7 +483,7 @@ pub(crate) fn refine_by(
         return None;
     }
     let back = to_picture.after(&unit).inverse()?;
-    for &(level, blocks, times, keep) in steps {
+    for &Refinement { level, blocks, times, still, keep } in steps {
         let coarse = Coarse::new(template, level, blocks, side, middle);
         let mut g = best.0.after(&to_picture).after(&unit);
         let mut light = None;
@@ -484,7 +493,7 @@ pub(crate) fn refine_by(
             let Some((next, moved)) = coarse.improve(view, &g, &mut light, again) else { break };
             light = light.filter(|_| again);
             g = next;
-            if moved < STILL[level.min(1)] {
+            if moved < still {
                 break;
             }
         }

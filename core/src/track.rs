@@ -363,12 +363,11 @@ impl Tracker {
 const LEAST_SUPPORT: [f32; 2] = [0.0, 0.8];
 
 /// Steps of the alignment of a pose that is nearly right; see `align`.
-const STEPS: [Refinement; 3] = [(2, 4, 5, 1.0), (1, 6, 4, 1.0), (0, 6, 2, 0.98)];
-
-/// One more where they moved a corner by [`FAR_PX`] or more: after a long way they end
-/// farther from the truth.
-const LAST_STEP: [Refinement; 1] = [(0, 6, 1, 0.98)];
-const FAR_PX: f32 = 1.0;
+const STEPS: [Refinement; 3] = [
+    Refinement { level: 2, blocks: 4, times: 5, still: 0.1, keep: 1.0 },
+    Refinement { level: 1, blocks: 6, times: 4, still: 0.05, keep: 1.0 },
+    Refinement { level: 0, blocks: 6, times: 3, still: 0.04, keep: 0.98 },
+];
 
 /// Where the neighbourhood is looked through: px of [`GLANCE_LEVEL`] of the template
 /// each way.
@@ -406,12 +405,7 @@ fn align(
     let last = &track.detection;
     let o = model.object(usize::from(last.object));
     let size = [o.width as f32, o.height as f32];
-    let mut homography = refine_by(&STEPS, LEAST_SUPPORT, view, &o.template, start, size)?;
-    let corners = |h: &Homography| h.outline(size[0], size[1]);
-    let way = |(a, b): ([f32; 2], [f32; 2])| (a[0] - b[0]).abs().max((a[1] - b[1]).abs());
-    if corners(start).into_iter().zip(corners(&homography)).map(way).fold(0.0, f32::max) >= FAR_PX {
-        homography = refine_by(&LAST_STEP, LEAST_SUPPORT, view, &o.template, &homography, size)?;
-    }
+    let homography = refine_by(&STEPS, LEAST_SUPPORT, view, &o.template, start, size)?;
     let appearance = appearance_of_luma(view, &o.template, 0, &homography, size);
     let d = Detection {
         appearance,
