@@ -23,7 +23,7 @@ use crate::delaunay::{Triangulation, Triple};
 use crate::detection::{Agreement, Evidence, score};
 use crate::feature::{Feature, FeatureKind, extract};
 use crate::finder::Corners;
-use crate::frame::{Frame, FrameError};
+use crate::frame::{Frame, FrameError, Part};
 use crate::geometry::{Homography, Point, contains};
 use crate::keygraph::{Keygraph, collect_keygraphs};
 use crate::math;
@@ -184,13 +184,18 @@ impl<
         self.stages.detect(frame, model, Wish { threshold, thorough: self.thorough }, observer, finder)
     }
 
-    /// Takes in the luma of `frame` and looks for nothing; `observer` is asked for the
-    /// time between the stages.
-    pub(crate) fn load_luma(&mut self, frame: &Frame<'_>, observer: &mut dyn Observer) -> Result<(), FrameError> {
+    /// Takes in the luma of a part of `frame`, which becomes the [`Detector::frame`], and looks
+    /// for nothing; `observer` is asked for the time between the stages.
+    pub(crate) fn load_luma(
+        &mut self,
+        frame: &Frame<'_>,
+        part: &Part,
+        observer: &mut dyn Observer,
+    ) -> Result<(), FrameError> {
         self.stages.clear();
         Self::check(frame)?;
         let start = observer.now();
-        self.stages.pyramid.load_luma(frame)?;
+        self.stages.pyramid.load_luma(frame, part);
         let loaded = observer.now();
         self.stages.pyramid.reduce_luma();
         let ticks = &mut self.stages.stats.ticks;
@@ -199,7 +204,7 @@ impl<
         Ok(())
     }
 
-    /// The last frame.
+    /// The last frame, or the part of it that was taken in.
     pub(crate) fn frame(&self) -> PyramidView<'_> {
         self.stages.pyramid.view()
     }

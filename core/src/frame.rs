@@ -12,6 +12,8 @@
 //!
 //! Memory: none beyond the planes. Cost: one pass over the pixels.
 
+use core::ops::Range;
+
 use crate::math;
 
 /// Value in both chroma planes where a block has no chroma (too dark, or the
@@ -127,6 +129,13 @@ impl core::fmt::Display for FrameError {
 
 impl core::error::Error for FrameError {}
 
+/// A part of a frame, px.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Part {
+    pub(crate) columns: Range<usize>,
+    pub(crate) rows: Range<usize>,
+}
+
 /// One frame as the camera gave it: a view that exists is valid.
 #[derive(Clone, Copy, Debug)]
 pub struct Frame<'a> {
@@ -192,13 +201,26 @@ impl<'a> Frame<'a> {
     /// # Panics
     /// Never for a slice of this length or longer.
     pub fn convert_luma(&self, luma: &mut [u8]) {
-        let (n, data) = (self.width * self.height, self.data);
-        let luma = &mut luma[..n];
+        self.luma_from(0, &mut luma[..self.width * self.height]);
+    }
+
+    /// That of a part, which lies within the frame.
+    pub(crate) fn convert_luma_of(&self, part: &Part, luma: &mut [u8]) {
+        let starts = part.rows.clone().map(|y| y * self.width + part.columns.start);
+        for (start, row) in starts.zip(luma.chunks_exact_mut(part.columns.len())) {
+            self.luma_from(start, row);
+        }
+    }
+
+    /// Luma of the pixels from one on, in reading order.
+    fn luma_from(&self, first: usize, luma: &mut [u8]) {
+        let (n, data) = (luma.len(), self.data);
+        let pairs = || data[2 * first..].as_chunks::<2>().0;
         match self.format {
-            PixelFormat::Gray8 | PixelFormat::Nv12 | PixelFormat::I420 => luma.copy_from_slice(&data[..n]),
-            PixelFormat::Yuyv => luma.iter_mut().zip(data.chunks_exact(2)).for_each(|(y, p)| *y = p[0]),
-            PixelFormat::Rgb8 => luma_from_rgb8(luma, data),
-            PixelFormat::Rgb565 => luma.iter_mut().zip(data.as_chunks().0).for_each(|(y, &p)| *y = luma_of(rgb565(p))),
+            PixelFormat::Gray8 | PixelFormat::Nv12 | PixelFormat::I420 => luma.copy_from_slice(&data[first..][..n]),
+            PixelFormat::Yuyv => luma.iter_mut().zip(pairs()).for_each(|(y, p)| *y = p[0]),
+            PixelFormat::Rgb8 => luma_from_rgb8(luma, &data[3 * first..]),
+            PixelFormat::Rgb565 => luma.iter_mut().zip(pairs()).for_each(|(y, &p)| *y = luma_of(rgb565(p))),
         }
     }
 

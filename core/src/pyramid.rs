@@ -10,7 +10,7 @@
 //! refused.
 
 use crate::capacity::LEVELS;
-use crate::frame::{Frame, FrameError, MAX_SIDE, NO_CHROMA};
+use crate::frame::{Frame, FrameError, MAX_SIDE, NO_CHROMA, Part};
 use crate::geometry::{Homography, Point};
 use crate::math::{self, VECTORS};
 
@@ -199,20 +199,6 @@ impl<const LUMA: usize, const CHROMA: usize> Pyramid<LUMA, CHROMA> {
     /// # Errors
     /// [`FrameError::TooLarge`] when the frame does not fit.
     pub fn load(&mut self, frame: &Frame<'_>) -> Result<(), FrameError> {
-        self.resize(frame)?;
-        let [a, b] = &mut self.chroma;
-        frame.convert(&mut self.luma, a, b);
-        Ok(())
-    }
-
-    /// The same for luma alone: the chroma planes are not those of this frame.
-    pub(crate) fn load_luma(&mut self, frame: &Frame<'_>) -> Result<(), FrameError> {
-        self.resize(frame)?;
-        frame.convert_luma(&mut self.luma);
-        Ok(())
-    }
-
-    fn resize(&mut self, frame: &Frame<'_>) -> Result<(), FrameError> {
         let (w, h) = (frame.width(), frame.height());
         if !Self::fits(w, h) {
             return Err(FrameError::TooLarge {
@@ -223,7 +209,15 @@ impl<const LUMA: usize, const CHROMA: usize> Pyramid<LUMA, CHROMA> {
             });
         }
         (self.width, self.height) = (w, h);
+        let [a, b] = &mut self.chroma;
+        frame.convert(&mut self.luma, a, b);
         Ok(())
+    }
+
+    /// The same for the luma of a part of a frame that fits: the chroma planes are not its.
+    pub(crate) fn load_luma(&mut self, frame: &Frame<'_>, part: &Part) {
+        (self.width, self.height) = (part.columns.len(), part.rows.len());
+        frame.convert_luma_of(part, &mut self.luma[..self.width * self.height]);
     }
 
     /// Sets the size and gives level 0 for writing: luma, then both chroma

@@ -21,12 +21,14 @@
 //! samples, 100,000 where it moves. Full: beyond [`TRACKS`] instances, those that have been lost longest make
 //! room; where none is lost a new one is dropped, and counted.
 
+use core::ops::Range;
+
 use heapless::Vec;
 
 use crate::align::{Appearance, Refinement, appearance_of_luma, is_plausible, refine_by};
-use crate::capacity::{DETECTIONS, Stage};
+use crate::capacity::{DETECTIONS, LEVELS, Stage};
 use crate::detect::{Detection, Detector, MAX_RATIO, MIN_AREA_PX, Observer, Stats};
-use crate::frame::{Frame, FrameError};
+use crate::frame::{Frame, FrameError, MIN_SIDE, Part};
 use crate::geometry::{Homography, area};
 use crate::math;
 use crate::model::Model;
@@ -189,16 +191,19 @@ impl Tracker {
         let due = self.is_searching()
             || self.since_search + 1 >= SEARCH_EVERY
             || self.tracks.iter().any(|t| t.state == State::Lost);
+        let mut corner = [0.0; 2];
         if due {
             detector.detect(frame, model, threshold, observer)?;
         } else {
-            detector.load_luma(frame, observer)?;
+            let part = self.part(frame, model);
+            corner = [&part.columns, &part.rows].map(|side| f32::from(u16::try_from(side.start).unwrap_or(u16::MAX)));
+            detector.load_luma(frame, &part, observer)?;
         }
         // The model may be another one than in the frame before.
         self.tracks.retain(|t| usize::from(t.detection.object) < model.objects());
         self.stats = *detector.stats();
         let start = observer.now();
-        let gone = self.follow_all(&detector.frame(), model, threshold);
+        let gone = self.follow_all(&Sight { view: detector.frame(), corner }, model, threshold);
         let end = observer.now();
         if gone && !due {
             detector.detect(frame, model, threshold, observer)?;
@@ -238,13 +243,32 @@ impl Tracker {
         &self.stats
     }
 
+    /// What of a frame may show the tracks: where they were and where they are expected, and a
+    /// quarter of their size beside.
+    fn part(&self, frame: &Frame<'_>, model: &Model<'_>) -> Part {
+        let mut reach = [[f32::MAX, f32::MIN]; 2];
+        for t in self.tracks.iter().filter(|t| usize::from(t.detection.object) < model.objects()) {
+            let o = model.object(usize::from(t.detection.object));
+            let predicted = t.predicted().map(|h| h.outline(o.width as f32, o.height as f32));
+            for outline in [Some(t.detection.corners), predicted].into_iter().flatten() {
+                for (side, reach) in reach.iter_mut().enumerate() {
+                    let least = outline.iter().map(|p| p[side]).fold(f32::MAX, f32::min);
+                    let most = outline.iter().map(|p| p[side]).fold(f32::MIN, f32::max);
+                    let beside = ((most - least) / 4.0).max(LEAST_MARGIN_PX);
+                    *reach = [reach[0].min(least - beside), reach[1].max(most + beside)];
+                }
+            }
+        }
+        Part { columns: span(reach[0], frame.width()), rows: span(reach[1], frame.height()) }
+    }
+
     /// Follows every track; true when one that was seen in the frame before is not for
     /// sure any more.
-    fn follow_all(&mut self, view: &PyramidView<'_>, model: &Model<'_>, threshold: f32) -> bool {
+    fn follow_all(&mut self, sight: &Sight<'_>, model: &Model<'_>, threshold: f32) -> bool {
         let mut gone = false;
         for t in &mut self.tracks {
             (t.seen, t.sure, t.claimed) = (false, false, false);
-            if let Some(d) = follow(view, model, t, threshold) {
+            if let Some(d) = follow(sight, model, t, threshold) {
                 t.sure = t.is_sure(&d);
                 t.take(d);
             }
@@ -377,36 +401,61 @@ const GLANCE_LEVEL: usize = 2;
 /// Most that an area may change from one frame to the next.
 const MAX_GROWTH: f32 = 2.0;
 
+/// Least that is looked at beside a track, px.
+const LEAST_MARGIN_PX: f32 = 16.0;
+
+/// What reaches from `least` to `most`, as far as it is within a side: whole pixels of the
+/// coarsest level, and at least as many as a frame has.
+fn span([least, most]: [f32; 2], side: usize) -> Range<usize> {
+    const STEP: usize = 1 << (LEVELS - 1);
+    let whole = |v: f32| usize::try_from(math::floor(v)).unwrap_or(0).min(side);
+    let start = whole(least).min(side - MIN_SIDE) / STEP * STEP;
+    start..whole(most).next_multiple_of(STEP).max(start + MIN_SIDE).min(side)
+}
+
+/// What is seen of a frame: the part whose upper left corner lies there in it, px.
+struct Sight<'a> {
+    view: PyramidView<'a>,
+    corner: [f32; 2],
+}
+
+impl Sight<'_> {
+    /// A pose in the frame, in the part.
+    fn within(&self, h: &Homography) -> Homography {
+        Homography::affine([1.0, 0.0, -self.corner[0], 0.0, 1.0, -self.corner[1]]).after(h)
+    }
+
+    /// And back.
+    fn without(&self, h: &Homography) -> Homography {
+        Homography::affine([1.0, 0.0, self.corner[0], 0.0, 1.0, self.corner[1]]).after(h)
+    }
+}
+
 /// Where a track is in this frame; `None` when it does not look like it anywhere near.
-fn follow(view: &PyramidView<'_>, model: &Model<'_>, track: &Track, threshold: f32) -> Option<Detection> {
+fn follow(sight: &Sight<'_>, model: &Model<'_>, track: &Track, threshold: f32) -> Option<Detection> {
     let last = &track.detection.homography;
     if track.state == State::Lost {
-        return align(view, model, track, last, threshold.max(SURE)).filter(|d| track.is_sure(d));
+        return align(sight, model, track, last, threshold.max(SURE)).filter(|d| track.is_sure(d));
     }
     let stay = STAY * threshold;
     let predicted = track.predicted().unwrap_or(*last);
-    let straight = align(view, model, track, &predicted, stay);
+    let straight = align(sight, model, track, &predicted, stay);
     if straight.is_some_and(|d| track.is_sure(&d)) {
         return straight;
     }
-    let near = align(view, model, track, &glance(view, model, track, &predicted), stay);
+    let near = align(sight, model, track, &glance(sight, model, track, &predicted), stay);
     let score = |d: &Option<Detection>| d.map_or(-1.0, |d| d.score);
     if score(&near) > score(&straight) { near } else { straight }
 }
 
 /// Aligns a pose of a track with the frame; `None` below `least`.
-fn align(
-    view: &PyramidView<'_>,
-    model: &Model<'_>,
-    track: &Track,
-    start: &Homography,
-    least: f32,
-) -> Option<Detection> {
+fn align(sight: &Sight<'_>, model: &Model<'_>, track: &Track, start: &Homography, least: f32) -> Option<Detection> {
     let last = &track.detection;
     let o = model.object(usize::from(last.object));
     let size = [o.width as f32, o.height as f32];
-    let homography = refine_by(&STEPS, LEAST_SUPPORT, view, &o.template, start, size)?;
-    let appearance = appearance_of_luma(view, &o.template, 0, &homography, size);
+    let aligned = refine_by(&STEPS, LEAST_SUPPORT, &sight.view, &o.template, &sight.within(start), size)?;
+    let appearance = appearance_of_luma(&sight.view, &o.template, 0, &aligned, size);
+    let homography = sight.without(&aligned).normalised();
     let d = Detection {
         appearance,
         score: score(&appearance),
@@ -422,7 +471,7 @@ fn align(
 }
 
 /// The shift of a pose under which the frame looks most like the object.
-fn glance(view: &PyramidView<'_>, model: &Model<'_>, track: &Track, start: &Homography) -> Homography {
+fn glance(sight: &Sight<'_>, model: &Model<'_>, track: &Track, start: &Homography) -> Homography {
     let o = model.object(usize::from(track.detection.object));
     let size = [o.width as f32, o.height as f32];
     let t = o.template.luma(GLANCE_LEVEL);
@@ -432,7 +481,7 @@ fn glance(view: &PyramidView<'_>, model: &Model<'_>, track: &Track, start: &Homo
         for x in -GLANCE..=GLANCE {
             let shift = Homography::affine([1.0, 0.0, f32::from(x) * step, 0.0, 1.0, f32::from(y) * step]);
             let h = shift.after(start);
-            let support = appearance_of_luma(view, &o.template, GLANCE_LEVEL, &h, size).support;
+            let support = appearance_of_luma(&sight.view, &o.template, GLANCE_LEVEL, &sight.within(&h), size).support;
             if support > best.1 {
                 best = (h, support);
             }
