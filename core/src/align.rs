@@ -401,26 +401,36 @@ pub fn appearance(
     let map = h.after(&template.to_picture(width, height));
     let level = level_for(&map, template.width as f32, template.height as f32);
     let chroma = chroma_correlation(view, template, &map, level);
-    Appearance { chroma, ..appearance_of_luma(view, template, 0, h, [width, height]) }
+    Appearance { chroma, ..appearance_of_luma(view, template, h, [width, height]) }
 }
 
-/// The same without chroma, which is 0, on level `level` of the template.
+/// The same without chroma, which is 0.
 pub(crate) fn appearance_of_luma(
+    view: &PyramidView<'_>,
+    template: &Template<'_>,
+    h: &Homography,
+    size: [f32; 2],
+) -> Appearance {
+    let mut blocks = Blocks::new(view, template, 0, h, size);
+    Appearance {
+        blocks: u16::try_from(blocks.n).unwrap_or(0),
+        inside: blocks.inside,
+        support: blocks.support(),
+        strong: blocks.strong(&template.luma(0)),
+        median: blocks.median(),
+        chroma: 0.0,
+    }
+}
+
+/// [`Appearance::support`] alone, on level `level` of the template.
+pub(crate) fn support(
     view: &PyramidView<'_>,
     template: &Template<'_>,
     level: usize,
     h: &Homography,
     size: [f32; 2],
-) -> Appearance {
-    let mut blocks = Blocks::new(view, template, level, h, size);
-    Appearance {
-        blocks: u16::try_from(blocks.n).unwrap_or(0),
-        inside: blocks.inside,
-        support: blocks.support(),
-        strong: blocks.strong(&template.luma(level)),
-        median: blocks.median(),
-        chroma: 0.0,
-    }
+) -> f32 {
+    Blocks::new(view, template, level, h, size).support()
 }
 
 /// Some steps of [`refine`].
@@ -477,7 +487,7 @@ pub(crate) fn refine_by(
     // Template px from coordinates near 1, with the origin in the middle.
     let unit = Homography::affine([side, 0.0, middle[0], 0.0, side, middle[1]]);
     let to_picture = template.to_picture(width, height);
-    let support = |h: &Homography| Blocks::new(view, template, 1, h, [width, height]).support();
+    let support = |h: &Homography| support(view, template, 1, h, [width, height]);
     let mut best = (*h, support(h));
     if best.1 < least[0] {
         return None;

@@ -126,9 +126,10 @@ impl Plane<'_, u8> {
         if x >= self.width - 1 || y >= self.height - 1 {
             return None;
         }
-        let top = self.data.get(y * self.width + x..)?;
-        let low = top.get(self.width..)?;
-        let ([a, b], [c, d]) = (*top.first_chunk()?, *low.first_chunk()?);
+        // Of one length, so that what is within the one is within the other.
+        let low = self.data.get(self.width..)?;
+        let (top, at) = (self.data.get(..low.len())?, y * self.width + x);
+        let (&[a, b], &[c, d]) = (top.get(at..)?.first_chunk()?, low.get(at..)?.first_chunk()?);
         Some([a, b, c, d].map(i32::from))
     }
 

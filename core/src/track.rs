@@ -25,7 +25,7 @@ use core::ops::Range;
 
 use heapless::Vec;
 
-use crate::align::{Appearance, Refinement, appearance_of_luma, is_plausible, refine_by};
+use crate::align::{Appearance, Refinement, appearance_of_luma, is_plausible, refine_by, support};
 use crate::capacity::{DETECTIONS, LEVELS, Stage};
 use crate::detect::{Detection, Detector, MAX_RATIO, MIN_AREA_PX, Observer, Stats};
 use crate::frame::{Frame, FrameError, MIN_SIDE, Part};
@@ -454,7 +454,7 @@ fn align(sight: &Sight<'_>, model: &Model<'_>, track: &Track, start: &Homography
     let o = model.object(usize::from(last.object));
     let size = [o.width as f32, o.height as f32];
     let aligned = refine_by(&STEPS, LEAST_SUPPORT, &sight.view, &o.template, &sight.within(start), size)?;
-    let appearance = appearance_of_luma(&sight.view, &o.template, 0, &aligned, size);
+    let appearance = appearance_of_luma(&sight.view, &o.template, &aligned, size);
     let homography = sight.without(&aligned).normalised();
     let d = Detection {
         appearance,
@@ -481,7 +481,7 @@ fn glance(sight: &Sight<'_>, model: &Model<'_>, track: &Track, start: &Homograph
         for x in -GLANCE..=GLANCE {
             let shift = Homography::affine([1.0, 0.0, f32::from(x) * step, 0.0, 1.0, f32::from(y) * step]);
             let h = shift.after(start);
-            let support = appearance_of_luma(&sight.view, &o.template, GLANCE_LEVEL, &sight.within(&h), size).support;
+            let support = support(&sight.view, &o.template, GLANCE_LEVEL, &sight.within(&h), size);
             if support > best.1 {
                 best = (h, support);
             }
