@@ -310,7 +310,8 @@ pub fn rank_by_strength(corners: &mut VecView<Corner>, min_distance_px: u16, lim
 /// using Multi-Scale Oriented Patches*, CVPR 2005). At most `limit` are left;
 /// what is cut off is counted as dropped.
 ///
-/// `scratch` needs two numbers a corner. Cost: half the square of the number of corners
+/// `scratch` needs two numbers a corner; with two more for each 16 x 16 px most corners need
+/// not be measured. Cost: half the square of the number of corners
 /// at most; a corner is given up as soon as it is nearer to a stronger one than `limit`
 /// others are to theirs.
 ///
@@ -555,6 +556,30 @@ wanted:
         assert_eq!((s.dropped, s.kept, s.seen), (0, s.seen, s.seen));
         assert!(t.dropped > 0 && t.kept <= 8 && t.kept + t.dropped <= t.seen);
         assert_eq!(few[..], all[..few.len()], "the strongest are kept");
+    }
+
+    /// With room for cells of none, few, or all places, the ranking is that of the definition.
+    #[test]
+    fn ranks_are_those_of_the_nearest_clearly_stronger_corner() {
+        let noise = |i: u32| (i + 1).wrapping_mul(2_654_435_761) >> 8;
+        let corner = |i: u32| Corner {
+            point: Point::new((noise(i) % 10_000) as i16, (noise(i + 5000) % 7_000) as i16),
+            strength: (noise(i + 9000) % 100_000) as i32,
+            radius2: 0,
+        };
+        let all: std::vec::Vec<Corner> = (0..900).map(corner).collect();
+        let mut want = all.clone();
+        for c in &mut want {
+            let stronger = all.iter().filter(|s| i64::from(s.strength) * 9 >= i64::from(c.strength) * 10);
+            c.radius2 = stronger.map(|s| s.point.distance2(c.point) as u32).min().unwrap_or(u32::MAX);
+        }
+        want.sort_by_key(|c| (Reverse(c.radius2), by_strength(c)));
+        for (limit, scratch) in [(225, 1800), (225, 1900), (225, 9600), (40, 9600), (900, 9600)] {
+            let mut ranked: Vec<Corner, 900> = Vec::from_slice(&all).unwrap();
+            rank_by_radius(&mut ranked, limit, &mut std::vec![0.0; scratch], &mut StageStats::default());
+            let points = |corners: &[Corner]| corners.iter().map(|c| c.point).collect::<std::vec::Vec<_>>();
+            assert_eq!(points(&ranked), points(&want[..limit]), "{limit} of 900, {scratch} numbers");
+        }
     }
 
     #[test]

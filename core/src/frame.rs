@@ -219,7 +219,7 @@ impl<'a> Frame<'a> {
         match self.format {
             PixelFormat::Gray8 | PixelFormat::Nv12 | PixelFormat::I420 => luma.copy_from_slice(&data[first..][..n]),
             PixelFormat::Yuyv => luma.iter_mut().zip(pairs()).for_each(|(y, p)| *y = p[0]),
-            PixelFormat::Rgb8 => luma_from_rgb8(luma, &data[3 * first..]),
+            PixelFormat::Rgb8 => luma_from_rgb8(luma, &data[3 * first..][..3 * n]),
             PixelFormat::Rgb565 => luma.iter_mut().zip(pairs()).for_each(|(y, &p)| *y = luma_of(rgb565(p))),
         }
     }
@@ -380,6 +380,21 @@ mod tests {
         let (mut l, mut a, mut b) = ([0; W * H], [0; 64], [0; 64]);
         Frame::new(format, W, H, data).unwrap().convert(&mut l, &mut a, &mut b);
         (l, a, b)
+    }
+
+    #[test]
+    fn luma_of_a_part_is_that_of_the_whole() {
+        let data: std::vec::Vec<u8> = (0..3 * W * H).map(|i| (i * i / 7) as u8).collect();
+        for format in PixelFormat::ALL {
+            let frame = Frame::new(format, W, H, &data[..format.bytes(W, H)]).unwrap();
+            let (mut whole, mut luma) = ([0; W * H], [0; W * H]);
+            frame.convert_luma(&mut whole);
+            let part = Part { columns: 3..14, rows: 5..16 };
+            frame.convert_luma_of(&part, &mut luma[..11 * 11]);
+            for (y, row) in part.rows.zip(luma.chunks(11)) {
+                assert_eq!(row, &whole[y * W + 3..][..11], "{format:?}, row {y}");
+            }
+        }
     }
 
     /// The same solid colour in every format gives the same luma and chroma,

@@ -484,6 +484,32 @@ mod tests {
         assert_eq!(chroma_mean([-4, -4, -4, -4]), -4);
     }
 
+    /// Rows of all lengths, with words whose pixels have chroma all, in part, and not at all.
+    #[test]
+    fn rows_halved_by_words_are_means_of_squares() {
+        let noise = |i: usize, seed: usize| ((i + 1) * (seed + 77) * 2_654_435_761) >> 7;
+        for seed in 0..40 {
+            for n in 1..40 {
+                let luma: [std::vec::Vec<u8>; 2] =
+                    [0, 1].map(|r| (0..2 * n + n % 2).map(|i| noise(i, seed + 50 * r) as u8).collect());
+                let lacks = |i: usize| i % 16 > 8 && (seed % 3 == 0 || noise(i / 2, seed) % 5 < 2);
+                let chroma = luma.clone().map(|row| {
+                    let value = |(i, v): (usize, u8)| if lacks(i) { NO_CHROMA } else { v.cast_signed() };
+                    row.into_iter().enumerate().map(value).collect::<std::vec::Vec<i8>>()
+                });
+                let (mut halves, mut halves_of_chroma) = (std::vec![0; n], std::vec![0; n]);
+                halve_luma(&luma[0], &luma[1], &mut halves);
+                halve_chroma(&chroma[0], &chroma[1], &mut halves_of_chroma);
+                for i in 0..n {
+                    let square = [luma[0][2 * i], luma[0][2 * i + 1], luma[1][2 * i], luma[1][2 * i + 1]];
+                    assert_eq!(u16::from(halves[i]), (square.map(u16::from).iter().sum::<u16>() + 2) / 4);
+                    let square = [chroma[0][2 * i], chroma[0][2 * i + 1], chroma[1][2 * i], chroma[1][2 * i + 1]];
+                    assert_eq!(halves_of_chroma[i], chroma_mean(square), "{square:?}");
+                }
+            }
+        }
+    }
+
     #[test]
     fn a_frame_that_does_not_fit_is_refused() {
         let mut p: Pyramid<340, 85> = Pyramid::new();

@@ -2,11 +2,11 @@
 //!
 //! In: the frames of one camera in order, and a model. Out: tracks, each an instance
 //! with an id that it keeps. An instance that was seen in the frame before is aligned
-//! to this one (`align`), starting where its motion leads; that needs luma alone and
-//! about a tenth of what a search costs. A frame is searched (`detect`) only when
-//! nothing is in sight, when an instance could not be followed for sure or has been
-//! lost for less than [`LOST_FRAMES`], and else every [`SEARCH_EVERY`] frames, so that
-//! new instances appear.
+//! to this one (`align`), starting where its motion leads; that needs luma alone, of the
+//! part of the frame that may show it, and about a fifth of what a search costs. A frame
+//! is searched (`detect`) only when nothing is in sight, when an instance could not be
+//! followed for sure or has been lost for less than [`LOST_FRAMES`], and else every
+//! [`SEARCH_EVERY`] frames, so that new instances appear.
 //!
 //! Every frame is aligned to the template and not to the frame before: errors do not
 //! add up. To appear an instance must reach the caller's threshold. To stay without a
@@ -17,8 +17,8 @@
 //! said to be.
 //!
 //! Memory: some 3 KB in [`Tracker`], beside the detector, whose buffers it uses.
-//! Cost: conversion and pyramid of luma, and for each track some 80,000 bilinear
-//! samples, 100,000 where it moves. Full: beyond [`TRACKS`] instances, those that have been lost longest make
+//! Cost: conversion and pyramid of that luma, and for each track some 50,000 bilinear
+//! samples. Full: beyond [`TRACKS`] instances, those that have been lost longest make
 //! room; where none is lost a new one is dropped, and counted.
 
 use core::ops::Range;
