@@ -191,7 +191,7 @@ pub fn detect_corners(
         let peaks = &mut *raw[0];
         find_peaks(around, peaks);
         for x in peaks_of(&peaks[..w - margin], margin) {
-            if around[1][x] < cut {
+            if (whole(around[1][x]) as f32) < cut {
                 continue;
             }
             stats.seen += 1;
@@ -237,12 +237,17 @@ fn peaks_of(row: &[f32], first: usize) -> impl Iterator<Item = usize> {
     chunks.flat_map(move |(i, c)| (0..c.len()).filter(|&k| c[k] != 0.0).map(move |k| first + LANES * i + k))
 }
 
-/// The corner at `x` of the middle row, a local maximum.
+/// A strength as corners have it.
 #[allow(clippy::cast_possible_truncation, reason = "strengths are below 2^25")]
+const fn whole(strength: f32) -> i32 {
+    strength as i32
+}
+
+/// The corner at `x` of the middle row, a local maximum.
 fn corner_at([top, mid, low]: [&[f32]; 3], x: usize, y: usize) -> Corner {
     let at = |i: usize, d: i16| i16::try_from(i).unwrap_or(i16::MAX / 16).saturating_mul(16).saturating_add(d);
     let point = Point::new(at(x, vertex(mid[x - 1], mid[x], mid[x + 1])), at(y, vertex(top[x], mid[x], low[x])));
-    Corner { point, strength: mid[x] as i32, radius2: 0 }
+    Corner { point, strength: whole(mid[x]), radius2: 0 }
 }
 
 /// Where the parabola through `l`, `v`, `r` at -1, 0, 1 has its top, in 1/16;
@@ -321,7 +326,8 @@ pub fn rank_by_radius(corners: &mut VecView<Corner>, limit: usize, scratch: &mut
     sort_by_key(corners, by_strength);
     let (xs, rest) = scratch.split_at_mut(corners.len());
     let (ys, cells) = rest.split_at_mut(corners.len());
-    let mut last = Cells::new(cells);
+    // Where distances are measured one by one it is not worth its room in flash.
+    let mut last = VECTORS.then(|| Cells::new(cells));
     for ((x, y), c) in xs.iter_mut().zip(&mut *ys).zip(&*corners) {
         (*x, *y) = (f32::from(c.point.x), f32::from(c.point.y));
     }
@@ -331,11 +337,13 @@ pub fn rank_by_radius(corners: &mut VecView<Corner>, limit: usize, scratch: &mut
         // Strengths fall, so the clearly stronger ones come first, and become no fewer.
         let least = i64::from(corners[i].strength) * 10;
         while stronger < i && i64::from(corners[stronger].strength) * 9 >= least {
-            last.put([xs[stronger], ys[stronger]]);
+            if let Some(cells) = &mut last {
+                cells.put([xs[stronger], ys[stronger]]);
+            }
             stronger += 1;
         }
         let place = [xs[i], ys[i]];
-        corners[i].radius2 = if last.is_near(place, reach.least as f32) {
+        corners[i].radius2 = if last.as_ref().is_some_and(|cells| cells.is_near(place, reach.least as f32)) {
             0
         } else {
             nearest2(place, &xs[..stronger], &ys[..stronger], reach.least)

@@ -28,7 +28,7 @@ pub const MIN_SIDE: usize = 16;
 
 /// Longest side of any frame, px, so that its size in bytes fits 32 bits. Detectors
 /// take less.
-pub const MAX_SIDE: usize = 1 << 15;
+pub const MAX_SIDE: usize = (1 << 15) - 1;
 
 /// How the pixels of a [`Frame`] lie in memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -487,7 +487,8 @@ mod tests {
     /// Rows of all lengths, with words whose pixels have chroma all, in part, and not at all.
     #[test]
     fn rows_halved_by_words_are_means_of_squares() {
-        let noise = |i: usize, seed: usize| ((i + 1) * (seed + 77) * 2_654_435_761) >> 7;
+        let noise = |i: usize, seed: usize| ((i + 1) * (seed + 77)) as u32;
+        let noise = |i, seed| noise(i, seed).wrapping_mul(2_654_435_761) >> 7;
         for seed in 0..40 {
             for n in 1..40 {
                 let luma: [std::vec::Vec<u8>; 2] =

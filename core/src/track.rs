@@ -18,7 +18,7 @@
 //!
 //! Memory: some 3 KB in [`Tracker`], beside the detector, whose buffers it uses.
 //! Cost: conversion and pyramid of that luma, and for each track some 50,000 bilinear
-//! samples. Full: beyond [`TRACKS`] instances, those that have been lost longest make
+//! samples, a third more where there are no vectors. Full: beyond [`TRACKS`] instances, those that have been lost longest make
 //! room; where none is lost a new one is dropped, and counted.
 
 use core::ops::Range;
@@ -244,17 +244,20 @@ impl Tracker {
     }
 
     /// What of a frame may show the tracks: where they were and where they are expected, and a
-    /// quarter of their size beside.
+    /// quarter of their longer side beside, farther than `glance` looks.
     fn part(&self, frame: &Frame<'_>, model: &Model<'_>) -> Part {
         let mut reach = [[f32::MAX, f32::MIN]; 2];
         for t in self.tracks.iter().filter(|t| usize::from(t.detection.object) < model.objects()) {
             let o = model.object(usize::from(t.detection.object));
             let predicted = t.predicted().map(|h| h.outline(o.width as f32, o.height as f32));
             for outline in [Some(t.detection.corners), predicted].into_iter().flatten() {
-                for (side, reach) in reach.iter_mut().enumerate() {
-                    let least = outline.iter().map(|p| p[side]).fold(f32::MAX, f32::min);
-                    let most = outline.iter().map(|p| p[side]).fold(f32::MIN, f32::max);
-                    let beside = ((most - least) / 4.0).max(LEAST_MARGIN_PX);
+                let bounds = [0, 1].map(|side| {
+                    let along = || outline.iter().map(|p| p[side]);
+                    [along().fold(f32::MAX, f32::min), along().fold(f32::MIN, f32::max)]
+                });
+                let longer = bounds.iter().map(|[least, most]| most - least).fold(0.0, f32::max);
+                let beside = (longer / 4.0).max(LEAST_MARGIN_PX);
+                for (reach, [least, most]) in reach.iter_mut().zip(bounds) {
                     *reach = [reach[0].min(least - beside), reach[1].max(most + beside)];
                 }
             }
@@ -591,6 +594,22 @@ mod tests {
         let mut bytes = frame(&[[30.0, 20.0]]);
         bytes[from * W..].fill(128);
         bytes
+    }
+
+    #[test]
+    fn a_span_is_whole_pixels_of_every_level_within_the_frame() {
+        let ends = [f32::MIN, -40.0, 0.0, 3.2, 15.9, 77.0, 500.5, 640.0, 900.0, f32::MAX, f32::INFINITY, f32::NAN];
+        for side in [16, 17, 23, 100, 640] {
+            for (least, most) in ends.iter().flat_map(|&a| ends.map(|b| (a, b))) {
+                let span = span([least, most], side);
+                assert!(span.start % 8 == 0 && (span.end % 8 == 0 || span.end == side), "{least} to {most} of {side}");
+                assert!(span.len() >= MIN_SIDE && span.end <= side, "{least} to {most} of {side}: {span:?}");
+                let within = |v: f32| v >= 0.0 && v < side as f32;
+                for v in [least, most].into_iter().filter(|&v| within(v) && least <= most) {
+                    assert!((span.start as f32..span.end as f32).contains(&v), "{least} to {most} of {side}: {span:?}");
+                }
+            }
+        }
     }
 
     #[test]
