@@ -602,7 +602,8 @@ mod tests {
         for side in [16, 17, 23, 100, 640] {
             for (least, most) in ends.iter().flat_map(|&a| ends.map(|b| (a, b))) {
                 let span = span([least, most], side);
-                assert!(span.start % 8 == 0 && (span.end % 8 == 0 || span.end == side), "{least} to {most} of {side}");
+                let whole = |v: usize| v.is_multiple_of(8);
+                assert!(whole(span.start) && (whole(span.end) || span.end == side), "{least} to {most} of {side}");
                 assert!(span.len() >= MIN_SIDE && span.end <= side, "{least} to {most} of {side}: {span:?}");
                 let within = |v: f32| v >= 0.0 && v < side as f32;
                 for v in [least, most].into_iter().filter(|&v| within(v) && least <= most) {
