@@ -7,8 +7,8 @@
 //! its blocks and not the object. Blocks without texture, or outside the frame,
 //! do not count.
 //!
-//! Memory: some 2 KB of stack, 12 where there are vectors. Cost: one bilinear sample for each pixel
-//! of the template (9,216 at most).
+//! Memory: some 2 KB of stack, 12 where there are vectors. Cost: one bilinear sample for
+//! each pixel of the template (9,216 at most).
 
 use core::ops::Range;
 

@@ -6,7 +6,7 @@
 //! another, which does not call itself: D. Shell's (*A High-Speed Sorting Procedure*,
 //! CACM 1959) with the gaps of M. Ciura (*Best Increments for the Average Case of
 //! Shellsort*, FCT 2001). Processors with vectors have the stack, and take the sort of
-//! `core`, three times as fast.
+//! `core`, which is faster.
 //!
 //! Memory: one element on a board. Cost: 15 comparisons an element for 1,000 of them.
 //! Equal elements end up in any order, not the same on every machine: keys are to differ.

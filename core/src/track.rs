@@ -18,8 +18,9 @@
 //!
 //! Memory: some 3 KB in [`Tracker`], beside the detector, whose buffers it uses.
 //! Cost: conversion and pyramid of that luma, and for each track some 50,000 bilinear
-//! samples, a third more where there are no vectors. Full: beyond [`TRACKS`] instances, those that have been lost longest make
-//! room; where none is lost a new one is dropped, and counted.
+//! samples, a third more where there are no vectors. Full: beyond [`TRACKS`] instances,
+//! those that have been lost longest make room; where none is lost a new one is dropped,
+//! and counted.
 
 use core::ops::Range;
 
