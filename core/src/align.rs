@@ -12,18 +12,19 @@
 
 use core::ops::Range;
 
-use crate::capacity::{LEVELS, TEMPLATE_SIDE};
+use crate::capacity::LEVELS;
 use crate::frame::NO_CHROMA;
 use crate::geometry::{Homography, area, is_convex};
 use crate::math::{self, VECTORS};
 use crate::model::Template;
-use crate::pose::{accumulate, solve};
-use crate::pyramid::{Plane, PyramidView, into_level, out_of_level};
+use crate::overlay::{
+    AT_ONCE, BLOCKS, Moments, NO_NUMBERS, NOTHING, Numbers, Overlay, Pairs, Sums, add, add_pairs, block_columns,
+    block_ranges, number, pixels, row_of_numbers, row_of_steps, steps, times, total,
+};
+use crate::pose::solve;
+use crate::pyramid::{Plane, PyramidView, into_level, nearest, out_of_level};
 use crate::sort::sort;
 use crate::verify::{CHROMA_NOISE, Counts};
-
-/// Blocks each way.
-pub const BLOCKS: usize = 6;
 
 /// Least spread of a block of the template, gray levels, for it to count.
 const LEAST_SPREAD: f32 = 5.0;
@@ -79,230 +80,6 @@ pub fn is_plausible(outline: &[[f32; 2]; 4], min_area: f32, max_ratio: f32) -> b
     })
 }
 
-/// Columns whose sums are kept apart, so that they can be added up side by side.
-const LANES: usize = 4;
-
-/// Those that are: the others follow one by one, which gives the same sums.
-const AT_ONCE: usize = if VECTORS { LANES } else { 1 };
-
-/// Some sums, of some columns each.
-type Sums<const K: usize, const N: usize> = [[f32; N]; K];
-
-/// The sums of the columns from `lane` on that are added up at once.
-#[inline]
-fn part<const K: usize>(sums: &Sums<K, LANES>, lane: usize) -> Sums<K, AT_ONCE> {
-    core::array::from_fn(|k| core::array::from_fn(|i| sums[k][lane + i]))
-}
-
-/// Puts them back.
-#[inline]
-fn put_back<const K: usize>(sums: &mut Sums<K, LANES>, lane: usize, part: &Sums<K, AT_ONCE>) {
-    for (s, p) in sums.iter_mut().zip(part) {
-        s[lane..lane + AT_ONCE].copy_from_slice(p);
-    }
-}
-
-/// Over all columns.
-fn total<const K: usize>(sums: &Sums<K, LANES>) -> [f32; K] {
-    const { assert!(LANES == 4) };
-    sums.map(|v| (v[0] + v[1]) + (v[2] + v[3]))
-}
-
-/// Sums of a correlation: pixels; of the template, of the frame; of the squares of either, and
-/// of their products.
-type Pairs<const N: usize> = Sums<6, N>;
-
-/// Adds pixels of the template and of the frame, where `seen` is 1 and not 0.
-#[inline]
-fn add_pairs(sums: &mut Pairs<AT_ONCE>, t: &[f32; AT_ONCE], f: &[f32; AT_ONCE], seen: &[f32; AT_ONCE]) {
-    for i in 0..AT_ONCE {
-        let (t, f) = (t[i] * seen[i], f[i] * seen[i]);
-        for (sum, v) in sums.iter_mut().zip([seen[i], t, f, t * t, f * f, t * f]) {
-            sum[i] += v;
-        }
-    }
-}
-
-/// What a correlation is made of.
-#[derive(Clone, Copy, Default)]
-struct Moments {
-    /// Pixels.
-    n: f32,
-    /// Means of the template and of the frame.
-    mean: [f32; 2],
-    /// Variance of the template, variance of the frame, covariance.
-    t: f32,
-    f: f32,
-    tf: f32,
-}
-
-impl Moments {
-    fn new(sums: &Pairs<LANES>) -> Self {
-        let [n, t, f, tt, ff, tf] = total(sums);
-        let k = 1.0 / n.max(1.0);
-        let mean = [t * k, f * k];
-        Self { n, mean, t: tt * k - mean[0] * mean[0], f: ff * k - mean[1] * mean[1], tf: tf * k - mean[0] * mean[1] }
-    }
-}
-
-/// The columns of each of `blocks` blocks of a row of `width`, or the rows of a height: those
-/// whose `x * blocks / width` is the block's number; but for a `margin` at both ends.
-fn block_ranges(width: usize, blocks: usize, margin: usize) -> impl Iterator<Item = Range<usize>> {
-    let start = move |b: usize| (b * width).div_ceil(blocks).max(margin);
-    (0..blocks).map(move |b| start(b)..start(b + 1).min(width.saturating_sub(margin)))
-}
-
-/// The columns of each, which are asked for in every row.
-fn block_columns(width: usize, blocks: usize, margin: usize) -> [Range<usize>; BLOCKS] {
-    let mut ranges = block_ranges(width, blocks, margin);
-    core::array::from_fn(|_| ranges.next().unwrap_or_default())
-}
-
-/// What the frame shows where a row of the template lies, no number where it shows nothing;
-/// with room for whole groups from any pixel on.
-type Row = [f32; TEMPLATE_SIDE + LANES];
-const NOTHING: Row = [f32::NAN; TEMPLATE_SIDE + LANES];
-
-/// Rows that are kept from the first look at a row of blocks to the second: all of them, of
-/// four blocks each way or more, but where that is more stack than there is.
-const BAND: usize = if VECTORS { TEMPLATE_SIDE / 4 } else { 1 };
-type Band = [Row; BAND];
-
-/// Values from `first` on, at most `n` of them, and 1 for each that there is, or 0; `None` where
-/// there is none.
-#[inline]
-fn group(row: &Row, first: usize, n: usize) -> Option<(Numbers, Numbers)> {
-    let values: Numbers = core::array::from_fn(|i| row[first + i]);
-    if AT_ONCE == 1 {
-        return (values[0] >= 0.0).then_some((values, [1.0; AT_ONCE]));
-    }
-    // Numbers, since they are compared side by side.
-    let n = number(n);
-    let there = |i: usize| (values[i] >= 0.0) & (number(i) < n);
-    let seen = core::array::from_fn(|i| if there(i) { 1.0 } else { 0.0 });
-    Some((core::array::from_fn(|i| if there(i) { values[i] } else { 0.0 }), seen))
-}
-
-/// A level of the template, and the level of the frame that it lies on.
-struct Overlay<'a> {
-    luma: Plane<'a, u8>,
-    plane: Plane<'a, u8>,
-    /// Px of the first to px of the second.
-    map: Homography,
-}
-
-impl Overlay<'_> {
-    /// What the frame shows where the pixels of row `y` lie.
-    #[inline(never)]
-    fn row(&self, y: usize, out: &mut Row) {
-        let n = self.luma.width().min(TEMPLATE_SIDE);
-        let out = &mut out[..n];
-        let (h, v) = (&self.map.0, number(y));
-        // What is the same along the row.
-        let [a, b, c] = [0, 3, 6].map(|i| h[i + 1] * v + h[i + 2]);
-        let place = |i: usize| {
-            let u = number(i);
-            let reciprocal = 1.0 / (h[6] * u + c);
-            ((h[0] * u + a) * reciprocal, (h[3] * u + b) * reciprocal)
-        };
-        if VECTORS {
-            let mut ys = [0.0; TEMPLATE_SIDE];
-            let ys = &mut ys[..n];
-            for i in 0..n {
-                (out[i], ys[i]) = place(i);
-            }
-            self.plane.sample(out, ys);
-        } else {
-            for (i, out) in out.iter_mut().enumerate() {
-                let (x, y) = place(i);
-                *out = self.plane.sample_one(x, y);
-            }
-        }
-    }
-
-    /// Correlates each of `blocks` x `blocks` blocks.
-    fn correlate(&self, blocks: usize) -> [Moments; BLOCKS * BLOCKS] {
-        let mut moments = [Moments::default(); BLOCKS * BLOCKS];
-        let mut band = [NOTHING; BAND];
-        let columns = block_columns(self.luma.width(), blocks, 0);
-        for (moments, ys) in moments.chunks_exact_mut(blocks).zip(block_ranges(self.luma.height(), blocks, 0)) {
-            let pairs = self.correlate_band(ys, &columns[..blocks], &mut band);
-            for (m, pairs) in moments.iter_mut().zip(&pairs) {
-                *m = Moments::new(pairs);
-            }
-        }
-        moments
-    }
-
-    /// Correlates each of the blocks that have these rows and columns, and leaves in `band` what
-    /// the frame shows there.
-    #[inline(never)]
-    fn correlate_band(&self, ys: Range<usize>, columns: &[Range<usize>], band: &mut Band) -> [Pairs<LANES>; BLOCKS] {
-        let mut pairs: [Pairs<LANES>; BLOCKS] = Default::default();
-        let mut numbers = NO_NUMBERS;
-        for (i, y) in ys.enumerate() {
-            let (row, frame) = (self.luma.row(y), &mut band[i % BAND]);
-            self.row(y, frame);
-            row_of_numbers(row, &mut numbers);
-            for (pairs, xs) in pairs.iter_mut().zip(columns) {
-                for lane in (0..LANES).step_by(AT_ONCE) {
-                    let mut sums = part(pairs, lane);
-                    for x in (xs.start + lane..xs.end).step_by(LANES) {
-                        let Some((f, seen)) = group(frame, x, xs.end - x) else { continue };
-                        add_pairs(&mut sums, &pixels(row, &numbers, x), &f, &seen);
-                    }
-                    put_back(pairs, lane, &sums);
-                }
-            }
-        }
-        pairs
-    }
-}
-
-/// A row of the template as numbers, with room for whole groups from any pixel on, where they
-/// are worth the stack.
-type RowOfNumbers = [f32; if VECTORS { TEMPLATE_SIDE + LANES } else { 0 }];
-const NO_NUMBERS: RowOfNumbers = [0.0; if VECTORS { TEMPLATE_SIDE + LANES } else { 0 }];
-
-/// Makes them, where they are.
-#[inline]
-fn row_of_numbers(row: &[u8], out: &mut RowOfNumbers) {
-    for (out, &v) in out.iter_mut().zip(row) {
-        *out = f32::from(v);
-    }
-}
-
-/// Steps from what lies before the pixels of a row, but for the first, to what lies after them.
-#[inline]
-fn row_of_steps([before, after]: [&[u8]; 2], out: &mut RowOfNumbers) {
-    for ((out, &a), &b) in out.iter_mut().skip(1).zip(after).zip(before) {
-        *out = step(b, a);
-    }
-}
-
-fn step(before: u8, after: u8) -> f32 {
-    f32::from(i16::from(after) - i16::from(before))
-}
-
-/// Those of the pixels from `first` on.
-#[inline]
-fn steps([before, after]: [&[u8]; 2], numbers: &RowOfNumbers, first: usize) -> Numbers {
-    let one = |i: usize| step(before[first - 1 + i], after[first - 1 + i]);
-    core::array::from_fn(|i| if VECTORS { numbers[first + i] } else { one(i) })
-}
-
-/// Pixels of a row from `first` on.
-#[inline]
-fn pixels(row: &[u8], numbers: &RowOfNumbers, first: usize) -> Numbers {
-    core::array::from_fn(|i| if VECTORS { numbers[first + i] } else { f32::from(row[first + i]) })
-}
-
-/// A coordinate of a template as a number.
-#[allow(clippy::cast_possible_truncation, clippy::cast_possible_wrap, reason = "templates are far smaller")]
-fn number(v: usize) -> f32 {
-    v as i32 as f32
-}
-
 /// The pyramid level whose pixels are about as large in the frame as those of the
 /// template are under `h` (template px to frame px).
 fn level_for(h: &Homography, width: f32, height: f32) -> usize {
@@ -344,30 +121,48 @@ struct Blocks {
 
 impl Blocks {
     /// Correlates the frame under `h` (picture px to frame px) with level `level` of
-    /// the template of a picture of `width` x `height` px.
-    fn new(view: &PyramidView<'_>, template: &Template<'_>, level: usize, h: &Homography, [w, h_]: [f32; 2]) -> Self {
+    /// the template of a picture of `width` x `height` px. How each block is lit goes to `light`.
+    #[inline(never)]
+    fn new(
+        view: &PyramidView<'_>,
+        template: &Template<'_>,
+        level: usize,
+        h: &Homography,
+        [width, height]: [f32; 2],
+        mut light: Option<&mut Light>,
+    ) -> Self {
         let luma = template.luma(level);
-        let (tw, th) = (luma.width(), luma.height());
-        let h = h.after(&template.to_picture(w, h_)).after(&out_of_level(level));
-        let target = level_for(&h, tw as f32, th as f32);
-        let plane = view.luma(target);
-        let map = into_level(target).after(&h);
-        let moments = Overlay { luma, plane, map }.correlate(BLOCKS);
-        let full = (tw * th / (BLOCKS * BLOCKS)) as f32;
+        let (w, h_) = (luma.width(), luma.height());
+        let h = h.after(&template.to_picture(width, height)).after(&out_of_level(level));
+        let target = level_for(&h, w as f32, h_ as f32);
+        let overlay = Overlay { luma, plane: view.luma(target), map: into_level(target).after(&h) };
+        let columns = block_columns(w, BLOCKS, 0);
         let mut blocks = Self { values: [0.0; BLOCKS * BLOCKS], places: [0; BLOCKS * BLOCKS], n: 0, inside: 0 };
-        for (place, m) in (0u8..).zip(&moments) {
-            if m.n < 0.6 * full {
-                continue;
-            }
-            blocks.inside += 1;
-            if m.t >= LEAST_SPREAD * LEAST_SPREAD {
-                // A flat frame block correlates with nothing.
-                blocks.values[blocks.n] = m.tf / math::sqrt(m.t * m.f.max(4.0));
-                blocks.places[blocks.n] = place;
-                blocks.n += 1;
+        let mut places = 0u8..;
+        for ys in block_ranges(h_, BLOCKS, 0) {
+            for (pairs, place) in overlay.correlate(ys, &columns).iter().zip(&mut places) {
+                let m = Moments::new(pairs);
+                if let Some(light) = &mut light {
+                    light[usize::from(place)] = Shade::new(&m);
+                }
+                blocks.add(place, &m, (w * h_ / (BLOCKS * BLOCKS)) as f32 / (if w.max(h_) > 48 { 2.0 } else { 1.0 }));
             }
         }
         blocks
+    }
+
+    /// Adds a block that has `full` pixels.
+    fn add(&mut self, place: u8, m: &Moments, full: f32) {
+        if m.n < 0.6 * full {
+            return;
+        }
+        self.inside += 1;
+        if m.t >= LEAST_SPREAD * LEAST_SPREAD {
+            // A flat frame block correlates with nothing.
+            self.values[self.n] = m.tf / math::coarse_sqrt(m.t * m.f.max(4.0));
+            self.places[self.n] = place;
+            self.n += 1;
+        }
     }
 
     fn support(&self) -> f32 {
@@ -411,7 +206,7 @@ pub(crate) fn appearance_of_luma(
     h: &Homography,
     size: [f32; 2],
 ) -> Appearance {
-    let mut blocks = Blocks::new(view, template, 0, h, size);
+    let mut blocks = Blocks::new(view, template, 0, h, size, None);
     Appearance {
         blocks: u16::try_from(blocks.n).unwrap_or(0),
         inside: blocks.inside,
@@ -430,7 +225,7 @@ pub(crate) fn support(
     h: &Homography,
     size: [f32; 2],
 ) -> f32 {
-    Blocks::new(view, template, level, h, size).support()
+    Blocks::new(view, template, level, h, size, None).support()
 }
 
 /// Some steps of [`refine`].
@@ -448,10 +243,13 @@ pub(crate) struct Refinement {
     pub(crate) keep: f32,
 }
 const REFINEMENTS: [Refinement; 3] = [
-    Refinement { level: 2, blocks: 4, times: 5, still: 0.05, keep: 1.0 },
-    Refinement { level: 1, blocks: 6, times: 4, still: 0.05, keep: 1.0 },
-    Refinement { level: 0, blocks: 6, times: 3, still: 0.02, keep: 0.98 },
+    Refinement { level: 2, blocks: 4, times: 5, still: 0.2, keep: 1.0 },
+    Refinement { level: 1, blocks: 6, times: 4, still: 0.15, keep: 1.0 },
+    Refinement { level: 0, blocks: 6, times: 3, still: 0.12, keep: 0.98 },
 ];
+
+/// The finest steps cannot lose the object on so short a way, px of the template.
+const SHORT_WAY: f32 = 1.0;
 
 /// Aligns the frame with the template by their gradients, starting at `h` (picture
 /// px to frame px), from coarse to fine, and gives the homography that most blocks
@@ -487,36 +285,46 @@ pub(crate) fn refine_by(
     // Template px from coordinates near 1, with the origin in the middle.
     let unit = Homography::affine([side, 0.0, middle[0], 0.0, side, middle[1]]);
     let to_picture = template.to_picture(width, height);
-    let support = |h: &Homography| support(view, template, 1, h, [width, height]);
-    let mut best = (*h, support(h));
-    if best.1 < least[0] {
+    // Blocks of the middle level say how many agree, and how each is lit.
+    let seen =
+        |h: &Homography, light: &mut Light| Blocks::new(view, template, 1, h, [width, height], Some(light)).support();
+    let mut light = NO_LIGHT;
+    let (mut best, mut most) = (*h, seen(h, &mut light));
+    if most < least[0] {
         return None;
     }
+    let mut lit = light;
     let back = to_picture.after(&unit).inverse()?;
     for &Refinement { level, blocks, times, still, keep } in steps {
         let coarse = Coarse::new(template, level, blocks, side, middle);
-        let mut g = best.0.after(&to_picture).after(&unit);
-        let mut light = None;
+        let mut g = best.after(&to_picture).after(&unit);
+        // Other blocks are lit otherwise.
+        let known = blocks == BLOCKS;
+        light = lit;
+        let mut way = 0.0;
         for i in 0..times {
-            // On the finest level steps are so small that the light of the one before will do.
-            let again = level == 0 && i + 1 < times;
-            let Some((next, moved)) = coarse.improve(view, &g, &mut light, again) else { break };
-            light = light.filter(|_| again);
+            let Some((next, moved)) = coarse.improve(view, &g, &mut light, known, known && i + 1 < times) else {
+                break;
+            };
             g = next;
+            way += moved;
             if moved < still {
                 break;
             }
         }
         let g = g.after(&back).normalised();
-        let seen = support(&g);
-        if seen > keep * best.1 {
-            best = (g, seen);
+        if level == 0 && way < SHORT_WAY {
+            return Some(g);
         }
-        if best.1 < least[1] {
+        let support = seen(&g, &mut light);
+        if support > keep * most {
+            (best, most, lit) = (g, support, light);
+        }
+        if most < least[1] {
             return None;
         }
     }
-    Some(best.0)
+    Some(best)
 }
 
 /// A template seen at a fraction of its size.
@@ -549,7 +357,8 @@ impl<'a> Coarse<'a> {
         &self,
         view: &PyramidView<'_>,
         g: &Homography,
-        light: &mut Option<Light>,
+        light: &mut Light,
+        known: bool,
         again: bool,
     ) -> Option<(Homography, f32)> {
         let corner = |x: f32, y: f32| g.apply([x / self.side, y / self.side]);
@@ -564,7 +373,7 @@ impl<'a> Coarse<'a> {
         let overlay =
             Overlay { luma: self.luma, plane: view.luma(level), map: into_level(level).after(g).after(&unit) };
         let mut normal = Normal::default();
-        self.look(&overlay, &unit, light, again, &mut normal);
+        self.look(&overlay, &unit, light, known, again, &mut normal);
         let Normal(mut normal) = normal;
         // Damping: a little of each direction's own curvature.
         for (i, row) in normal.iter_mut().enumerate() {
@@ -589,67 +398,67 @@ impl<'a> Coarse<'a> {
         &self,
         overlay: &Overlay<'_>,
         unit: &Homography,
-        light: &mut Option<Light>,
+        light: &mut Light,
+        known: bool,
         again: bool,
         normal: &mut Normal,
     ) {
-        let is_new = light.is_none();
-        let light = light.get_or_insert([Shade::default(); BLOCKS * BLOCKS]);
         let [mut numbers, mut across, mut down] = [NO_NUMBERS; 3];
         // Gradients of unit coordinates from differences over two px.
         let per_unit = self.side / (2.0 * self.step as f32);
         let [w, h] = self.size;
-        let mut band = [NOTHING; BAND];
-        let columns = block_columns(w, self.blocks, 1);
+        let mut frame = NOTHING;
+        let whole = block_columns(w, self.blocks, 1);
+        let mut cells = whole[..self.blocks].iter().flat_map(halves);
+        let columns: [Range<usize>; 2 * BLOCKS] = core::array::from_fn(|_| cells.next().unwrap_or_default());
+        let columns = &columns[..2 * self.blocks];
         for (ys, light) in block_ranges(h, self.blocks, 1).zip(light.chunks_exact_mut(self.blocks)) {
-            if is_new {
-                let pairs = overlay.correlate_band(ys.clone(), &columns[..self.blocks], &mut band);
+            if !known {
+                let pairs = overlay.correlate(ys.clone(), &whole[..self.blocks]);
                 Shade::renew(light, &pairs);
             }
-            let mut pairs: [Pairs<LANES>; BLOCKS] = Default::default();
-            for (i, y) in ys.enumerate() {
-                let [above, row, below] = [y - 1, y, y + 1].map(|y| self.luma.row(y));
-                row_of_numbers(row, &mut numbers);
-                let from = |row: &'a [u8], first: usize| row.get(first..).unwrap_or_default();
-                let (beside, upright) = ([row, from(row, 2)], [from(above, 1), from(below, 1)]);
-                row_of_steps(beside, &mut across);
-                row_of_steps(upright, &mut down);
-                let frame = &mut band[i % BAND];
-                if !is_new || BAND == 1 {
-                    overlay.row(y, frame);
-                }
-                let mut line = Line::default();
-                for lane in (0..LANES).step_by(AT_ONCE) {
-                    let mut sums = part(&line, lane);
-                    for ((shade, pairs), xs) in light.iter().zip(&mut pairs).zip(&columns) {
-                        let mut block = part(pairs, lane);
-                        for x in (xs.start + lane..xs.end).step_by(LANES) {
-                            let Some((f, seen)) = group(frame, x, xs.end - x) else { continue };
-                            let t = pixels(row, &numbers, x);
-                            if again {
-                                add_pairs(&mut block, &t, &f, &seen);
-                            }
-                            if shade.weight < LEAST_WEIGHT {
+            let mut pairs: [Pairs; BLOCKS] = Default::default();
+            for ys in halves(&ys) {
+                let mut errors: [Errors; 2 * BLOCKS] = Default::default();
+                for y in ys.clone() {
+                    let [above, row, below] = [y - 1, y, y + 1].map(|y| self.luma.row(y));
+                    row_of_numbers(row, &mut numbers);
+                    // As many of each as have neighbours.
+                    let n = w.saturating_sub(2);
+                    let beside = [&row[..n], &row[w - n..]];
+                    let upright = [above, below].map(|row| &row[(w - n) / 2..][..n]);
+                    row_of_steps(beside, &mut across);
+                    row_of_steps(upright, &mut down);
+                    let track = overlay.row(y, &mut frame);
+                    for (cell, (errors, xs)) in errors.iter_mut().zip(columns).enumerate() {
+                        let (shade, pairs) = (&light[cell / 2], &mut pairs[cell / 2]);
+                        if shade.weight < LEAST_WEIGHT {
+                            continue;
+                        }
+                        for x in xs.clone().step_by(AT_ONCE) {
+                            let (gx, gy) = (steps(beside, &across, x), steps(upright, &down, x));
+                            let strong: [bool; AT_ONCE] =
+                                core::array::from_fn(|i| gx[i].abs() + gy[i].abs() >= shade.flat);
+                            if !VECTORS && !strong[0] {
                                 continue;
                             }
-                            let e =
-                                core::array::from_fn(|i| f[i] * shade.scale_f - t[i] * shade.scale_t + shade.offset);
-                            let scale = shade.scale_t * per_unit;
-                            let slope = |side: [&[u8]; 2], numbers| steps(side, numbers, x).map(|v| v * scale);
-                            let pixels = Pixels {
-                                u: core::array::from_fn(|i| unit.0[0] * number(x + i) + unit.0[2]),
-                                gx: slope(beside, &across),
-                                gy: slope(upright, &down),
-                                e,
-                                weight: core::array::from_fn(|i| seen[i] * (shade.weight / (1.0 + e[i] * e[i]))),
-                            };
-                            pixels.add_to(&mut sums);
+                            let Some((f, mut seen)) = track.group(&frame, x, xs.end - x) else { continue };
+                            if VECTORS {
+                                seen = core::array::from_fn(|i| if strong[i] { seen[i] } else { 0.0 });
+                            }
+                            let t = pixels(row, &numbers, x);
+                            if again {
+                                add_pairs(pairs, x - xs.start, &t, &f, &seen);
+                            }
+                            add_errors(errors, x - xs.start, shade, [&gx, &gy], [&t, &f], &seen);
                         }
-                        put_back(pairs, lane, &block);
                     }
-                    put_back(&mut line, lane, &sums);
                 }
-                normal.add(&line, unit.0[4] * number(y) + unit.0[5]);
+                let v = unit.0[4] * middle(&ys) + unit.0[5];
+                for (cell, (errors, xs)) in errors.iter().zip(columns).enumerate() {
+                    let u = unit.0[0] * middle(xs) + unit.0[2];
+                    normal.add(&total(errors), light[cell / 2].scale_t * per_unit, [u, v]);
+                }
             }
             if again {
                 Shade::renew(light, &pairs);
@@ -658,85 +467,75 @@ impl<'a> Coarse<'a> {
     }
 }
 
+/// The first and the second half of some pixels.
+fn halves(range: &Range<usize>) -> [Range<usize>; 2] {
+    let middle = (range.start + range.end).div_ceil(2);
+    [range.start..middle, middle..range.end]
+}
+
+/// Where the middle of some pixels lies.
+fn middle(range: &Range<usize>) -> f32 {
+    number(range.start + range.end - 1) / 2.0
+}
+
 /// How a block is lit in template and frame, and how much it counts.
-#[derive(Clone, Copy, Default)]
+#[derive(Clone, Copy)]
 struct Shade {
     scale_t: f32,
     scale_f: f32,
     /// What takes the one's mean to the other's, so scaled.
     offset: f32,
     weight: f32,
+    /// Least steps of a pixel that counts, gray levels.
+    flat: f32,
 }
 
 impl Shade {
     /// Of a row of blocks.
     #[inline(never)]
-    fn renew(light: &mut [Self], pairs: &[Pairs<LANES>; BLOCKS]) {
+    fn renew(light: &mut [Self], pairs: &[Pairs; BLOCKS]) {
         for (shade, pairs) in light.iter_mut().zip(pairs) {
-            *shade = Self::new(Moments::new(pairs));
+            *shade = Self::new(&Moments::new(pairs));
         }
     }
 
-    fn new(m: Moments) -> Self {
+    fn new(m: &Moments) -> Self {
         let usable = m.t > 4.0 && m.f > 1.0;
-        let correlation = if usable { m.tf / math::sqrt(m.t * m.f) } else { 0.0 };
-        let [scale_t, scale_f] = [m.t, m.f].map(|v| 1.0 / math::sqrt(v.max(1.0)));
+        let correlation = if usable { m.tf / math::coarse_sqrt(m.t * m.f) } else { 0.0 };
+        let [scale_t, scale_f] = [m.t, m.f].map(|v| 1.0 / math::coarse_sqrt(v.max(1.0)));
         let offset = m.mean[0] * scale_t - m.mean[1] * scale_f;
-        Self { scale_t, scale_f, offset, weight: agreement(correlation) }
+        Self { scale_t, scale_f, offset, weight: agreement(correlation), flat: FLAT / scale_t }
     }
 }
+
+/// Pixels whose steps, along and across, together are less than so many spreads of their block
+/// are left out: of what is flat there, noise is most.
+const FLAT: f32 = 0.8;
 
 /// Blocks that count less are left out.
 const LEAST_WEIGHT: f32 = 0.05;
 
 type Light = [Shade; BLOCKS * BLOCKS];
+const NO_LIGHT: Light = [Shade { scale_t: 0.0, scale_f: 0.0, offset: 0.0, weight: 0.0, flat: 0.0 }; BLOCKS * BLOCKS];
 
-/// Weighted sums along a row, where v is the same: of the gradient's products `x x`, `x y`,
-/// `y y` and of its products with the error, each times powers of u from 0 on, of which there
-/// are 5, 4, 3, 3 and 2.
-type Line = Sums<17, LANES>;
+/// Weighted sums over a block: of the products of the steps, `x x`, `x y`, `y y`, and of each
+/// with the error, what the frame shows less what it should.
+type Errors = Sums<5>;
 
-/// Pixels beside each other.
-struct Pixels {
-    u: [f32; AT_ONCE],
-    /// Gradient, of unit coordinates.
-    gx: [f32; AT_ONCE],
-    gy: [f32; AT_ONCE],
-    /// What the frame shows less what it should.
-    e: [f32; AT_ONCE],
-    weight: [f32; AT_ONCE],
-}
-
-impl Pixels {
-    /// Where there are vectors, sums that stay in memory are made some of.
-    #[cfg_attr(any(target_feature = "sse2", target_feature = "neon"), inline(never))]
-    #[cfg_attr(not(any(target_feature = "sse2", target_feature = "neon")), inline(always))]
-    fn add_to(&self, sums: &mut Sums<17, AT_ONCE>) {
-        let product = |a: &Numbers, b: &Numbers| -> Numbers { core::array::from_fn(|i| a[i] * b[i]) };
-        let Self { u, gx, gy, e, weight } = self;
-        let (wx, wy) = (product(weight, gx), product(weight, gy));
-        let u2 = product(u, u);
-        let powers = [[1.0; AT_ONCE], *u, u2, product(&u2, u), product(&u2, &u2)];
-        let [xx @ .., xy0, xy1, xy2, xy3, yy0, yy1, yy2, xe0, xe1, xe2, ye0, ye1] = sums;
-        add_products(xx.each_mut(), &powers, &product(&wx, gx));
-        add_products([xy0, xy1, xy2, xy3], &powers, &product(&wx, gy));
-        add_products([yy0, yy1, yy2], &powers, &product(&wy, gy));
-        add_products([xe0, xe1, xe2], &powers, &product(&wx, e));
-        add_products([ye0, ye1], &powers, &product(&wy, e));
-    }
-}
-
-/// Numbers of the columns that are added up at once.
-type Numbers = [f32; AT_ONCE];
-
-/// Adds each power times the values.
+/// Adds pixels beside each other.
 #[inline(always)]
-fn add_products<const K: usize>(sums: [&mut Numbers; K], powers: &[Numbers; 5], values: &Numbers) {
-    for k in 0..K {
-        for i in 0..AT_ONCE {
-            sums[k][i] += powers[k][i] * values[i];
-        }
-    }
+fn add_errors(
+    sums: &mut Errors,
+    lane: usize,
+    shade: &Shade,
+    [gx, gy]: [&Numbers; 2],
+    [t, f]: [&Numbers; 2],
+    seen: &Numbers,
+) {
+    let e: Numbers = core::array::from_fn(|i| f[i] * shade.scale_f - t[i] * shade.scale_t + shade.offset);
+    let weight = core::array::from_fn(|i| seen[i] * (shade.weight / (1.0 + e[i] * e[i])));
+    let (wx, wy) = (times(&weight, gx), times(&weight, gy));
+    add(sums, lane, [times(&wx, gx), times(&wx, gy), times(&wy, gy), times(&wx, &e), times(&wy, &e)]);
 }
 
 /// Upper triangle of the normal equations, and their right side.
@@ -744,28 +543,39 @@ fn add_products<const K: usize>(sums: [&mut Numbers; K], powers: &[Numbers; 5], 
 struct Normal([[f32; 9]; 8]);
 
 impl Normal {
-    /// Adds the pixels of a row. The design matrix of a pixel is `[gx u, gx v, gx, gy u,
-    /// gy v, gy, -u a, -v a]` with `a = gx u + gy v`.
-    fn add(&mut self, line: &Line, v: f32) {
-        let all = total(line);
-        let (xx, xy, yy, xe, ye) = (&all[..5], &all[5..9], &all[9..12], &all[12..15], &all[15..]);
-        // Sums of gx a, gy a, a a and a e, times powers of u.
-        let xa = [0, 1, 2].map(|k| xx[k + 1] + v * xy[k]);
-        let ya = [0, 1, 2].map(|k| xy[k + 1] + v * yy[k]);
-        let aa = [0, 1, 2].map(|k| xx[k + 2] + v * (2.0 * xy[k + 1] + v * yy[k]));
-        let ae = [0, 1].map(|k| xe[k + 1] + v * ye[k]);
-        let rows: [[f32; 9]; 8] = [
-            [xx[2], v * xx[1], xx[1], xy[2], v * xy[1], xy[1], -xa[2], -v * xa[1], xe[1]],
-            [0.0, v * v * xx[0], v * xx[0], v * xy[1], v * v * xy[0], v * xy[0], -v * xa[1], -v * v * xa[0], v * xe[0]],
-            [0.0, 0.0, xx[0], xy[1], v * xy[0], xy[0], -xa[1], -v * xa[0], xe[0]],
-            [0.0, 0.0, 0.0, yy[2], v * yy[1], yy[1], -ya[2], -v * ya[1], ye[1]],
-            [0.0, 0.0, 0.0, 0.0, v * v * yy[0], v * yy[0], -v * ya[1], -v * v * ya[0], v * ye[0]],
-            [0.0, 0.0, 0.0, 0.0, 0.0, yy[0], -ya[1], -v * ya[0], ye[0]],
-            [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, aa[2], v * aa[1], -ae[1]],
-            [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, v * v * aa[0], -v * ae[0]],
-        ];
-        for (sums, row) in self.0.iter_mut().zip(&rows) {
-            accumulate(sums, row, 1.0);
+    /// Adds pixels as if all of them lay at `(u, v)`: the design matrix of one is `[gx u, gx v, gx,
+    /// gy u, gy v, gy, -u a, -v a]` with `a = gx u + gy v`. Their gradients are their steps times
+    /// `scale`.
+    fn add(&mut self, sums: &[f32; 5], scale: f32, [u, v]: [f32; 2]) {
+        let [xx, xy, yy] = [0, 1, 2].map(|i| sums[i] * (scale * scale));
+        let [xe, ye] = [3, 4].map(|i| sums[i] * scale);
+        // Sums of gx a, gy a, a a and a e.
+        let (xa, ya, ae) = (xx * u + xy * v, xy * u + yy * v, xe * u + ye * v);
+        let aa = xa * u + ya * v;
+        let place = [u, v, 1.0];
+        let m = &mut self.0;
+        for i in 0..3 {
+            for j in 0..3 {
+                let product = place[i] * place[j];
+                if j >= i {
+                    m[i][j] += product * xx;
+                    m[3 + i][3 + j] += product * yy;
+                }
+                m[i][3 + j] += product * xy;
+            }
+            for j in 0..2 {
+                let product = place[i] * place[j];
+                m[i][6 + j] -= product * xa;
+                m[3 + i][6 + j] -= product * ya;
+            }
+            m[i][8] += place[i] * xe;
+            m[3 + i][8] += place[i] * ye;
+        }
+        for i in 0..2 {
+            for j in i..2 {
+                m[6 + i][6 + j] += place[i] * place[j] * aa;
+            }
+            m[6 + i][8] -= place[i] * ae;
         }
     }
 }
@@ -783,7 +593,7 @@ fn chroma_correlation(view: &PyramidView<'_>, template: &Template<'_>, h: &Homog
             let [u, v] = to.apply([x as f32, y as f32]);
             let inside = u >= 0.0 && v >= 0.0 && u < planes[0].width() as f32 && v < planes[0].height() as f32;
             let t = source.map(|c| c.row(y)[x].cast_signed());
-            let f = planes.map(|p| p.nearest(math::round(u), math::round(v)));
+            let f = nearest(planes, math::round(u), math::round(v));
             if inside && t[0] != NO_CHROMA && f[0] != NO_CHROMA {
                 sums.add_pair(t.map(i32::from), f.map(i32::from));
             }
@@ -801,25 +611,25 @@ mod tests {
     use std::prelude::rust_2024::*;
     use std::vec;
 
-    const SIDE: usize = 48;
+    const SIDE: usize = 96;
 
     /// A texture without repetition.
     fn texture(x: f32, y: f32) -> f32 {
         128.0 + 50.0 * (x * 0.31 + (y * 0.17).sin() * 2.0).sin() + 50.0 * (y * 0.23 + (x * 0.11).cos() * 3.0).sin()
     }
 
-    fn setup(hide: bool) -> (Box<Pyramid<40_000, 10_000>>, Vec<u8>, Homography) {
+    fn setup(hide: bool) -> (Box<Pyramid<60_000, 15_000>>, Vec<u8>, Homography) {
         let h = Homography::affine([1.4, 0.3, 20.0, -0.3, 1.4, 30.0]);
         let inverse = h.inverse().unwrap();
-        let frame: Vec<u8> = (0..160 * 120)
+        let frame: Vec<u8> = (0..240 * 180)
             .map(|i| {
-                let [x, y] = inverse.apply([(i % 160) as f32, (i / 160) as f32]);
-                let hidden = hide && x < 16.0;
+                let [x, y] = inverse.apply([(i % 240) as f32, (i / 240) as f32]);
+                let hidden = hide && x < SIDE as f32 / 3.0;
                 (if hidden { 0.0 } else { texture(x, y) * 0.6 } + 10.0) as u8
             })
             .collect();
         let mut p = Box::new(Pyramid::new());
-        p.load(&Frame::new(PixelFormat::Gray8, 160, 120, &frame).unwrap()).unwrap();
+        p.load(&Frame::new(PixelFormat::Gray8, 240, 180, &frame).unwrap()).unwrap();
         p.reduce();
         let mut template = vec![NO_CHROMA.cast_unsigned(); template_bytes(SIDE, SIDE)];
         let luma = &mut template[..plane_bytes(SIDE, SIDE)];

@@ -15,6 +15,7 @@ use heapless::Vec;
 
 use crate::feature::{Feature, signature};
 use crate::keygraph::{BIN, Keygraph, LARGEST_BINS, SECOND_BINS, cell_of};
+use crate::math::VECTORS;
 use crate::model::{Keys, Model, Tier};
 
 /// What counts as a match.
@@ -95,10 +96,12 @@ pub fn classify(model: &Model<'_>, tier: Tier, k: &Keygraph, feature: &Feature, 
     search.best
 }
 
-/// Keys that are looked at together, four in a word. All processors do so; those with
-/// vector units do all words at once.
-const KEYS: usize = 16;
+/// Keys that are looked at together, four in a word; those with vector units do four words at
+/// once.
+const KEYS: usize = if VECTORS { 16 } else { 4 };
 const WORDS: usize = KEYS / 4;
+/// Keys of a subset from which on those of the right size are sought out.
+const MANY: usize = 32;
 /// The highest bit of each byte.
 const HIGH: u32 = 0x8080_8080;
 const NIBBLE: u32 = 0x0f0f_0f0f;
@@ -109,15 +112,6 @@ const HEAD: usize = 16;
 
 const fn in_each_byte(v: u8) -> u32 {
     u32::from_le_bytes([v; 4])
-}
-
-/// The keys of a plane from `at` on, in `spare` where the plane ends before them.
-fn keys_at<'a>(plane: &'a [u8], at: usize, spare: &'a mut [u8; KEYS]) -> &'a [u8; KEYS] {
-    let rest = &plane[at..];
-    rest.first_chunk().unwrap_or_else(|| {
-        spare[..rest.len()].copy_from_slice(rest);
-        spare
-    })
 }
 
 /// Word `i` of some keys.
@@ -152,44 +146,60 @@ impl Search<'_> {
     /// Looks at a subset's keygraphs whose angles, from its start, lie in these ranges.
     fn run(&mut self, cell: core::ops::Range<usize>, second: [u8; 2], largest: [u8; 2]) {
         let core::ops::Range { mut start, mut end } = cell;
+        if start >= end {
+            return;
+        }
         // Reading a few keys too many is cheaper than finding out which.
-        if end - start > 2 * KEYS {
+        if end - start > MANY {
             let sizes = &self.keys.sizes[start..end];
             end = start + sizes.partition_point(|&s| s <= self.sizes[1]);
             start += sizes.partition_point(|&s| s < self.sizes[0]);
         }
-        // A byte has its highest bit set where `least + v`, and `most - v`, say that v is in
-        // the range; none carries into the next.
-        let [least, most] = [
-            [second, largest].map(|r| in_each_byte(0x80 - r[0])),
-            [second, largest].map(|r| in_each_byte(0x80 + r[1])),
-        ];
-        let mut spare = [[0; KEYS]; 4];
-        for at in (start..end).step_by(KEYS) {
-            let [d, e, f, g] = &mut spare;
-            let Keys { angles, signatures: [a, b, c], .. } = self.keys;
-            let (a, b, c) = (keys_at(a, at, d), keys_at(b, at, e), keys_at(c, at, f));
-            let angles = keys_at(angles, at, g);
-            let alike: [u32; WORDS] = core::array::from_fn(|i| {
-                let bits = count_bits(word(a, i) ^ self.signature[0])
-                    + count_bits(word(b, i) ^ self.signature[1])
-                    + count_bits(word(c, i) ^ self.signature[2]);
-                let bits = (bits & NIBBLE) + (bits >> 4 & NIBBLE);
-                let (s, l) = (word(angles, i) & NIBBLE, word(angles, i) >> 4 & NIBBLE);
-                let in_range = (least[0] + s) & (most[0] - s) & (least[1] + l) & (most[1] - l);
-                (self.most_bits - bits) & in_range & HIGH
-            });
-            if alike == [0; WORDS] {
-                continue;
+        let ranges = [second, largest].map(|[from, to]| [in_each_byte(0x80 - from), in_each_byte(0x80 + to)]);
+        let Keys { angles, signatures: [a, b, c], .. } = self.keys;
+        let planes = [angles, a, b, c].map(|p| p[start..].as_chunks());
+        let [angles, a, b, c] = planes.map(|(groups, _)| groups.iter());
+        let mut at = start;
+        for (((angles, a), b), c) in angles.zip(a).zip(b).zip(c).take((end - start).div_ceil(KEYS)) {
+            self.look(at, end, &ranges, [angles, a, b, c]);
+            at += KEYS;
+        }
+        // Where the planes end.
+        if at < end {
+            let mut last = [[0; KEYS]; 4];
+            for (last, (_, rest)) in last.iter_mut().zip(planes) {
+                last[..rest.len()].copy_from_slice(rest);
             }
-            for (i, word) in alike.into_iter().enumerate() {
-                let mut left = word;
-                while left != 0 {
-                    let key = at + 4 * i + (left.trailing_zeros() / 8) as usize;
-                    left &= left - 1;
-                    if key < end && (self.sizes[0]..=self.sizes[1]).contains(&self.keys.sizes[key]) {
-                        self.wait(u32::try_from(key).unwrap_or(u32::MAX));
-                    }
+            self.look(at, end, &ranges, last.each_ref());
+        }
+    }
+
+    /// Looks at the keys from `at` on, those before `end`: their angles and the parts of their
+    /// signatures.
+    #[inline(always)]
+    fn look(&mut self, at: usize, end: usize, ranges: &[[u32; 2]; 2], [angles, a, b, c]: [&[u8; KEYS]; 4]) {
+        let alike: [u32; WORDS] = core::array::from_fn(|i| {
+            let bits = count_bits(word(a, i) ^ self.signature[0])
+                + count_bits(word(b, i) ^ self.signature[1])
+                + count_bits(word(c, i) ^ self.signature[2]);
+            let bits = (bits & NIBBLE) + (bits >> 4 & NIBBLE);
+            // A byte has its highest bit set where `least + v`, and `most - v`, say that v is in
+            // the range; none carries into the next.
+            let [[s_least, s_most], [l_least, l_most]] = ranges;
+            let (s, l) = (word(angles, i) & NIBBLE, word(angles, i) >> 4 & NIBBLE);
+            let in_range = (s_least + s) & (s_most - s) & (l_least + l) & (l_most - l);
+            (self.most_bits - bits) & in_range & HIGH
+        });
+        if alike.iter().fold(0, |all, word| all | word) == 0 {
+            return;
+        }
+        for (i, word) in alike.into_iter().enumerate() {
+            let mut left = word;
+            while left != 0 {
+                let key = at + 4 * i + (left.trailing_zeros() / 8) as usize;
+                left &= left - 1;
+                if key < end && (self.sizes[0]..=self.sizes[1]).contains(&self.keys.sizes[key]) {
+                    self.wait(u32::try_from(key).unwrap_or(u32::MAX));
                 }
             }
         }

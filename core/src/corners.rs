@@ -74,11 +74,9 @@ const fn mirror(i: isize, n: usize) -> usize {
     (if i >= n { 2 * n - 2 - i } else { i }).cast_unsigned()
 }
 
-/// Sobel derivatives of row `y` as products `dx dx`, `dx dy`, `dy dy`.
-fn products(luma: Plane<'_, u8>, y: usize, [xx, xy, yy]: &mut [&mut [f32]; 3]) {
-    let at = |d: isize| luma.row(mirror(y.cast_signed() + d, luma.height()));
-    let (top, mid, low) = (at(-1), at(0), at(1));
-    let n = luma.width() - 2;
+/// Sobel derivatives of the middle row as products `dx dx`, `dx dy`, `dy dy`.
+fn products([top, mid, low]: [&[u8]; 3], [xx, xy, yy]: &mut [&mut [f32]; 3]) {
+    let n = mid.len() - 2;
     // Each pixel and its neighbours as slices of one length: no bounds to check.
     let [[t0, t1, t2], [m0, _, m2], [l0, l1, l2]] = [top, mid, low].map(|row| [0, 1, 2].map(|d| &row[d..][..n]));
     let (ix, iy, iz) = (&mut xx[1..][..n], &mut xy[1..][..n], &mut yy[1..][..n]);
@@ -108,24 +106,66 @@ fn sum3(p: &[f32], out: &mut [f32]) {
     }
 }
 
+/// The sums over each pixel of the middle row and its two neighbours of the products `dx dx`,
+/// `dy dy`, `dx dy`, one pixel after the other: what a column adds is kept for the next two.
+fn sums_one_by_one([top, mid, low]: [&[u8]; 3], out: &mut [f32]) {
+    let (out, _) = out.as_chunks_mut::<3>();
+    let n = mid.len();
+    // What a column adds to the derivatives along and across the row.
+    let sums = |[t, m, l]: [i32; 3]| (t + 2 * m + l, l - t);
+    let column = |x: usize| sums([top[x], mid[x], low[x]].map(i32::from));
+    let product = |dx: i32, dy: i32| {
+        let (dx, dy) = (dx as f32, dy as f32);
+        [dx * dx, dy * dy, dx * dy]
+    };
+    let plus = |a: [f32; 3], b: [f32; 3]| [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
+    let [(first, slope), second, third] = [0, 1, 2].map(column);
+    // Borders mirror: the first pixel has the second on both sides.
+    let p = product(0, 2 * (slope + second.1));
+    let mut last = product(third.0 - first, slope + 2 * second.1 + third.1);
+    let mut pair = plus(p, last);
+    let (head, rest) = out.split_at_mut(1);
+    head[0] = plus(pair, last);
+    let (mut before, mut here) = (second, third);
+    let mut add = |[t, m, l]: [u8; 3], out: &mut [f32; 3]| {
+        let next = sums([t, m, l].map(i32::from));
+        let p = product(next.0 - before.0, before.1 + 2 * here.1 + next.1);
+        *out = plus(pair, p);
+        (pair, last) = (plus(last, p), p);
+        (before, here) = (here, next);
+    };
+    // Two at a time: less is moved from one name to another.
+    let [top, mid, low] = [top, mid, low].map(|row| row[3..n].as_chunks::<2>());
+    let (twos, ends) = rest.split_at_mut(2 * top.0.len());
+    for (((t, m), l), out) in top.0.iter().zip(mid.0).zip(low.0).zip(twos.as_chunks_mut::<2>().0) {
+        add([t[0], m[0], l[0]], &mut out[0]);
+        add([t[1], m[1], l[1]], &mut out[1]);
+    }
+    for (((t, m), l), out) in top.1.iter().zip(mid.1).zip(low.1).zip(&mut *ends) {
+        add([*t, *m, *l], out);
+    }
+    let p = product(0, 2 * (before.1 + here.1));
+    rest[n - 3] = plus(pair, p);
+    rest[n - 2] = plus(p, plus(last, last));
+}
+
 /// Numbers that are looked at together.
 const LANES: usize = 8;
 
 /// Strengths of a row from the sums in the rows around it; what is below `cut`
 /// may be 0. Returns the greatest.
-fn strengths(sums: &[[&mut [f32]; 3]; 3], slots: [usize; 3], cut: f32, out: &mut [f32]) -> f32 {
+fn strengths(sums: [&[f32]; 3], cut: f32, out: &mut [f32]) -> f32 {
+    if !VECTORS {
+        return strengths_one_by_one(sums.map(|s| s.as_chunks().0), cut, out);
+    }
     let w = out.len();
-    let [[a0, a1, a2], [b0, b1, b2], [c0, c1, c2]] = [0, 1, 2].map(|i| slots.map(|s| &sums[s][i][..w]));
+    let [[a0, b0, c0], [a1, b1, c1], [a2, b2, c2]] = sums.map(|s| [0, 1, 2].map(|i| &s[i * w..][..w]));
     for x in 0..w {
         let (a, b, c) = (a0[x] + a1[x] + a2[x], b0[x] + b1[x] + b2[x], c0[x] + c1[x] + c2[x]);
         // The smaller eigenvalue is at most the smaller diagonal element.
-        let least = 2.0 * if a < c { a } else { c };
-        out[x] = if !VECTORS && least < cut {
-            0.0
-        } else {
-            let v = strength(a, b, c);
-            if least < cut { 0.0 } else { v }
-        };
+        let least = 2.0 * min(a, c);
+        let v = strength(a, b, c);
+        out[x] = if least < cut { 0.0 } else { v };
     }
     let (chunks, rest) = out.as_chunks::<LANES>();
     let mut most = [0.0; LANES];
@@ -133,6 +173,26 @@ fn strengths(sums: &[[&mut [f32]; 3]; 3], slots: [usize; 3], cut: f32, out: &mut
         most = core::array::from_fn(|i| max(most[i], chunk[i]));
     }
     most.iter().chain(rest).fold(0.0, |m, &v| max(m, v))
+}
+
+/// The same of the sums that [`sums_one_by_one`] makes.
+fn strengths_one_by_one([above, here, below]: [&[[f32; 3]]; 3], cut: f32, out: &mut [f32]) -> f32 {
+    let mut most = 0.0;
+    for (out, ((p, q), r)) in out.iter_mut().zip(above.iter().zip(here).zip(below)) {
+        let sum = |i: usize| p[i] + q[i] + r[i];
+        *out = 0.0;
+        let a = sum(0);
+        if a < cut / 2.0 {
+            continue;
+        }
+        let c = sum(1);
+        if c < cut / 2.0 {
+            continue;
+        }
+        *out = strength(a, sum(2), c);
+        most = max(most, *out);
+    }
+    most
 }
 
 /// The greater of two numbers, which are numbers.
@@ -164,35 +224,38 @@ pub fn detect_corners(
     let mut cut = params.floor.max(1) as f32;
     out.clear();
 
-    let mut rows = scratch[..SCRATCH_ROWS * w].chunks_exact_mut(w);
+    let mut rows = scratch[..SCRATCH_ROWS * w].chunks_exact_mut(3 * w);
     let mut take = || rows.next().unwrap_or_default();
-    let mut raw = [take(), take(), take()];
+    let mut raw = thirds(take());
     // Row y of the sums and of the strengths lies in slot y % 3.
-    let mut sums: [[&mut [f32]; 3]; 3] = core::array::from_fn(|_| core::array::from_fn(|_| take()));
-    let ring = [take(), take(), take()];
+    let sums = [take(), take(), take()];
+    let ring = thirds(take());
 
     let mut next = 0;
     for y in 0..h {
         while next <= (y + 1).min(h - 1) {
-            products(luma, next, &mut raw);
-            for (p, s) in raw.iter().zip(&mut sums[next % 3]) {
-                sum3(p, s);
+            let around = [-1, 0, 1].map(|d| luma.row(mirror(next.cast_signed() + d, h)));
+            if VECTORS {
+                products(around, &mut raw);
+                for (p, s) in raw.iter().zip(sums[next % 3].chunks_exact_mut(w)) {
+                    sum3(p, s);
+                }
+            } else {
+                sums_one_by_one(around, sums[next % 3]);
             }
             next += 1;
         }
-        let slots = [-1, 0, 1].map(|d| mirror(y.cast_signed() + d, h) % 3);
-        strongest = max(strongest, strengths(&sums, slots, cut, ring[y % 3]));
+        let sums = [-1, 0, 1].map(|d| &*sums[mirror(y.cast_signed() + d, h) % 3]);
+        strongest = max(strongest, strengths(sums, cut, ring[y % 3]));
         cut = max(cut, strongest * (params.quality_q16 as f32 / 65536.0));
         let margin = params.margin_px.max(1);
         if y < margin + 1 || y > h - margin {
             continue;
         }
         let around = [y - 2, y - 1, y].map(|r| &*ring[r % 3]);
-        let peaks = &mut *raw[0];
-        find_peaks(around, peaks);
-        for x in peaks_of(&peaks[..w - margin], margin) {
+        let mut take = |x: usize| {
             if (whole(around[1][x]) as f32) < cut {
-                continue;
+                return;
             }
             stats.seen += 1;
             let corner = corner_at(around, x, y - 1);
@@ -200,6 +263,27 @@ pub fn detect_corners(
                 cut = max(cut, drop_weaker_half(out, &mut stats) as f32);
                 if (corner.strength as f32) < cut || out.push(corner).is_err() {
                     stats.dropped += 1;
+                }
+            }
+        };
+        if VECTORS {
+            let peaks = &mut *raw[0];
+            find_peaks(around, peaks);
+            peaks_of(&peaks[..w - margin], margin).for_each(take);
+        } else {
+            let [left, here, right] = beside(around);
+            let (mut x, end) = (margin - 1, w - 1 - margin);
+            // Most are 0.
+            while let Some(next) = here[1][x.min(end)..end].iter().position(|v| v.to_bits() != 0) {
+                x += next;
+                let v = here[1][x];
+                let along = || v > left[1][x] && v >= right[1][x];
+                let across = || v > here[0][x] && v >= here[2][x];
+                let aslant = || v > left[0][x] && v > right[0][x] && v >= left[2][x] && v >= right[2][x];
+                let is_peak = along() && across() && aslant();
+                x += 1;
+                if is_peak {
+                    take(x);
                 }
             }
         }
@@ -211,23 +295,30 @@ pub fn detect_corners(
 
 /// The strengths of the middle row where no neighbour exceeds them (of equals the first
 /// in reading order wins), else 0.
-fn find_peaks([top, mid, low]: [&[f32]; 3], out: &mut [f32]) {
-    let n = mid.len() - 2;
-    let [[t0, t1, t2], [m0, m1, m2], [l0, l1, l2]] = [top, mid, low].map(|row| [0, 1, 2].map(|d| &row[d..][..n]));
+fn find_peaks(around: [&[f32]; 3], out: &mut [f32]) {
+    let [[t0, m0, l0], [t1, m1, l1], [t2, m2, l2]] = beside(around);
+    let n = m1.len();
     let out = &mut out[1..][..n];
     for i in 0..n {
         let v = m1[i];
-        out[i] = if VECTORS {
-            let before = max(max(t0[i], t1[i]), max(t2[i], m0[i]));
-            let after = max(max(l0[i], l1[i]), max(l2[i], m2[i]));
-            if (v > before) & (v >= after) { v } else { 0.0 }
-        } else {
-            let along = || v > m0[i] && v >= m2[i];
-            let across = || v > t1[i] && v >= l1[i];
-            let aslant = || v > t0[i] && v > t2[i] && v >= l0[i] && v >= l2[i];
-            if v > 0.0 && along() && across() && aslant() { v } else { 0.0 }
-        };
+        let before = max(max(t0[i], t1[i]), max(t2[i], m0[i]));
+        let after = max(max(l0[i], l1[i]), max(l2[i], m2[i]));
+        out[i] = if (v > before) & (v >= after) { v } else { 0.0 };
     }
+}
+
+/// Rows from their first pixel on, from their second and from their third: what lies left of a
+/// pixel, the pixel, and what lies right of it.
+fn beside(rows: [&[f32]; 3]) -> [[&[f32]; 3]; 3] {
+    let n = rows[1].len() - 2;
+    [0, 1, 2].map(|d| rows.map(|row| &row[d..][..n]))
+}
+
+/// Three rows.
+fn thirds(rows: &mut [f32]) -> [&mut [f32]; 3] {
+    let (a, rest) = rows.split_at_mut(rows.len() / 3);
+    let (b, c) = rest.split_at_mut(a.len());
+    [a, b, c]
 }
 
 /// The places from `first` on where a number is not 0; most are.
@@ -315,40 +406,21 @@ pub fn rank_by_strength(corners: &mut VecView<Corner>, min_distance_px: u16, lim
 /// using Multi-Scale Oriented Patches*, CVPR 2005). At most `limit` are left;
 /// what is cut off is counted as dropped.
 ///
-/// `scratch` needs two numbers a corner; with two more for each 16 x 16 px most corners need
-/// not be measured. Cost: half the square of the number of corners
-/// at most; a corner is given up as soon as it is nearer to a stronger one than `limit`
-/// others are to theirs.
+/// `scratch` needs three numbers for each corner and one for each 16 x 16 px. Cost: the stronger corners
+/// around each, as far as the nearest; a corner is given up as soon as it is nearer to one than
+/// `limit` others are to theirs.
 ///
 /// # Panics
-/// When `scratch` is shorter than twice the number of corners.
+/// When `scratch` is shorter.
 pub fn rank_by_radius(corners: &mut VecView<Corner>, limit: usize, scratch: &mut [f32], stats: &mut StageStats) {
     sort_by_key(corners, by_strength);
-    let (xs, rest) = scratch.split_at_mut(corners.len());
-    let (ys, cells) = rest.split_at_mut(corners.len());
-    // Where distances are measured one by one it is not worth its room in flash.
-    let mut last = VECTORS.then(|| Cells::new(cells));
-    for ((x, y), c) in xs.iter_mut().zip(&mut *ys).zip(&*corners) {
-        (*x, *y) = (f32::from(c.point.x), f32::from(c.point.y));
-    }
     let mut reach = Reach::new(limit);
-    let mut stronger = 0;
-    for i in 0..corners.len() {
-        // Strengths fall, so the clearly stronger ones come first, and become no fewer.
-        let least = i64::from(corners[i].strength) * 10;
-        while stronger < i && i64::from(corners[stronger].strength) * 9 >= least {
-            if let Some(cells) = &mut last {
-                cells.put([xs[stronger], ys[stronger]]);
-            }
-            stronger += 1;
-        }
-        let place = [xs[i], ys[i]];
-        corners[i].radius2 = if last.as_ref().is_some_and(|cells| cells.is_near(place, reach.least as f32)) {
-            0
-        } else {
-            nearest2(place, &xs[..stronger], &ys[..stronger], reach.least)
-        };
-        reach.add(corners[i].radius2);
+    if VECTORS {
+        let mut list = List::new(corners.len(), scratch);
+        set_radii(corners, &mut reach, &mut list);
+    } else {
+        let mut grid = Grid::new(corners, scratch);
+        set_radii(corners, &mut reach, &mut grid);
     }
     let all = corners.len();
     corners.retain(|c| c.radius2 >= reach.least);
@@ -358,23 +430,70 @@ pub fn rank_by_radius(corners: &mut VecView<Corner>, limit: usize, scratch: &mut
     stats.kept = count(corners.len());
 }
 
-/// Squared distance of a place to the nearest of others; anything below `least` if that is.
-#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "squares of 16 bits, or saturating")]
-fn nearest2(place: [f32; 2], xs: &[f32], ys: &[f32], least: u32) -> u32 {
-    let mut near = [f32::MAX; if VECTORS { 4 } else { 2 } * LANES];
-    for (xs, ys) in xs.chunks(near.len()).zip(ys.chunks(near.len())) {
-        if VECTORS {
-            nearer2(&mut near, place, xs, ys);
-            continue;
+/// Sets the suppression radius of corners, strongest first.
+fn set_radii(corners: &mut [Corner], reach: &mut Reach, others: &mut impl Nearest) {
+    let mut stronger = 0;
+    for i in 0..corners.len() {
+        // Strengths fall, so the clearly stronger ones come first, and become no fewer.
+        let least = i64::from(corners[i].strength) * 10;
+        while stronger < i && i64::from(corners[stronger].strength) * 9 >= least {
+            others.put(stronger, corners[stronger].point);
+            stronger += 1;
         }
-        near[0] = xs.iter().zip(ys).fold(near[0], |near, (&u, &v)| min(near, distance2(place, [u, v])));
-        if near[0] < least as f32 {
-            break;
-        }
+        corners[i].radius2 = others.nearest2(corners, corners[i].point, reach.least);
+        reach.add(corners[i].radius2);
     }
-    // Of floats that are not below 0 the least has the least bits.
-    let bits = near.iter().fold(i32::MAX, |least, d| least.min(d.to_bits().cast_signed()));
-    f32::from_bits(bits.cast_unsigned()) as u32
+}
+
+/// Corners of which the nearest to a place is sought.
+trait Nearest {
+    /// Puts in the `i`th corner: one after the other.
+    fn put(&mut self, i: usize, p: Point);
+
+    /// Squared distance of a place to the nearest of those that have been put in; anything below
+    /// `least` if that is.
+    fn nearest2(&self, corners: &[Corner], p: Point, least: u32) -> u32;
+}
+
+/// Corners in a list, which vectors go through, with the last of each neighbourhood apart: most
+/// places are near to one.
+struct List<'a> {
+    xs: &'a mut [f32],
+    ys: &'a mut [f32],
+    n: usize,
+    cells: Cells<'a>,
+}
+
+impl<'a> List<'a> {
+    fn new(most: usize, scratch: &'a mut [f32]) -> Self {
+        let (xs, rest) = scratch.split_at_mut(most);
+        let (ys, cells) = rest.split_at_mut(most);
+        Self { xs, ys, n: 0, cells: Cells::new(cells) }
+    }
+}
+
+impl Nearest for List<'_> {
+    fn put(&mut self, i: usize, p: Point) {
+        let [x, y] = [p.x, p.y].map(f32::from);
+        (self.xs[i], self.ys[i], self.n) = (x, y, i + 1);
+        self.cells.put([x, y]);
+    }
+
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "squares of 16 bits, or saturating")]
+    fn nearest2(&self, _: &[Corner], p: Point, least: u32) -> u32 {
+        let place = [p.x, p.y].map(f32::from);
+        if self.cells.is_near(place, least as f32) {
+            return 0;
+        }
+        let mut near = [f32::MAX; 4 * LANES];
+        let (xs, ys) = (&self.xs[..self.n], &self.ys[..self.n]);
+        for (xs, ys) in xs.chunks(near.len()).zip(ys.chunks(near.len())) {
+            nearer2(&mut near, place, xs, ys);
+        }
+        // Of floats that are not below 0 the least has the least bits.
+        let bits = near.iter().fold(i32::MAX, |least, d| least.min(d.to_bits().cast_signed()));
+        f32::from_bits(bits.cast_unsigned()) as u32
+    }
 }
 
 /// Lowers squared distances to those of other places. Not inlined: sums in registers would
@@ -435,6 +554,82 @@ impl<'a> Cells<'a> {
             let at = self.index([column.wrapping_add(right.into()), row.wrapping_add(down.into())]);
             self.places.get(at).is_some_and(|&kept| distance2(place, kept) < least)
         })
+    }
+}
+
+/// Corners by the cells of a grid in which they lie, for those who look at one at a time. Numbers of corners count from 1; 0 is none.
+struct Grid<'a> {
+    /// The last of each cell, row by row.
+    last: &'a mut [f32],
+    /// The one before each in its cell.
+    before: &'a mut [f32],
+    columns: usize,
+    rows: usize,
+}
+
+impl<'a> Grid<'a> {
+    /// 1/16 px that a cell is wide, in bits.
+    const SIZE: u32 = 8;
+
+    /// For these corners, with none in it.
+    fn new(corners: &[Corner], scratch: &'a mut [f32]) -> Self {
+        let most = corners.iter().fold([0; 2], |m: [usize; 2], c| {
+            let [x, y] = Self::cell(c.point);
+            [m[0].max(x), m[1].max(y)]
+        });
+        let [columns, rows] = most.map(|v| v + 1);
+        let (last, rest) = scratch.split_at_mut(columns * rows);
+        last.fill(0.0);
+        Self { last, before: &mut rest[..corners.len()], columns, rows }
+    }
+
+    fn cell(p: Point) -> [usize; 2] {
+        [p.x, p.y].map(|v| usize::try_from(v >> Self::SIZE).unwrap_or(0))
+    }
+}
+
+impl Nearest for Grid<'_> {
+    fn put(&mut self, i: usize, p: Point) {
+        let [x, y] = Self::cell(p);
+        let last = &mut self.last[y * self.columns + x];
+        self.before[i] = *last;
+        *last = count(i + 1) as f32;
+    }
+
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "whole numbers")]
+    fn nearest2(&self, corners: &[Corner], p: Point, least: u32) -> u32 {
+        let [column, row] = Self::cell(p);
+        let mut near = u32::MAX;
+        // Cells around the place, then those around them.
+        for ring in 0..self.columns.max(self.rows) {
+            for y in row.saturating_sub(ring)..(row + ring + 1).min(self.rows) {
+                let whole = y.abs_diff(row) == ring;
+                let cells = &self.last[y * self.columns..][..self.columns];
+                let columns = column.saturating_sub(ring)..(column + ring + 1).min(self.columns);
+                for (x, cell) in columns.clone().zip(&cells[columns]) {
+                    if !whole && x.abs_diff(column) != ring {
+                        continue;
+                    }
+                    let mut number = *cell as usize;
+                    while number > 0 {
+                        let q = corners[number - 1].point;
+                        let [dx, dy] = [i32::from(p.x) - i32::from(q.x), i32::from(p.y) - i32::from(q.y)];
+                        // Of places of 16 bits it fits.
+                        near = near.min((dx * dx + dy * dy).cast_unsigned());
+                        number = self.before[number - 1] as usize;
+                    }
+                    if near < least {
+                        return near;
+                    }
+                }
+            }
+            // What lies in other cells is farther.
+            let reach = count(ring) << Self::SIZE;
+            if near <= reach * reach {
+                break;
+            }
+        }
+        near
     }
 }
 

@@ -22,8 +22,8 @@
 use crate::capacity::{FEATURE_BYTES, LEVELS};
 use crate::frame::NO_CHROMA;
 use crate::geometry::Point;
-use crate::math;
-use crate::pyramid::PyramidView;
+use crate::math::{self, VECTORS};
+use crate::pyramid::{PyramidView, nearest};
 
 /// Segments of a keygraph: four at each of its three corners.
 pub const SEGMENTS: usize = 12;
@@ -179,7 +179,7 @@ impl Patch {
         let middle = [0, 1].map(|i| (p[0][i] + p[1][i] + p[2][i]) / 3.0);
         let axes = [[0, 1].map(|i| p[0][i] - middle[i]), [0, 1].map(|i| (p[1][i] - p[2][i]) / 1.732_050_8)];
         // The root of the area ratio is a mean radius, px of `level`.
-        let radius = math::sqrt((axes[0][0] * axes[1][1] - axes[0][1] * axes[1][0]).abs());
+        let radius = math::coarse_sqrt((axes[0][0] * axes[1][1] - axes[0][1] * axes[1][0]).abs());
         let above = math::round(math::log2((SPACING * radius).max(1.0)));
         let to = (level + usize::try_from(above).unwrap_or(0)).clamp(1, LEVELS - 1).max(level);
         let scale = 1.0 / f32::from(1u8 << (to - level));
@@ -193,6 +193,12 @@ impl Patch {
     /// Brightness at the points; of one outside the plane no number, or that of its edge.
     fn luma(&self, view: &PyramidView<'_>, clamped: bool) -> [f32; LUMA_POINTS.len()] {
         let plane = view.luma(self.level);
+        if !VECTORS && !clamped {
+            return LUMA_POINTS.map(|point| {
+                let [x, y] = self.at(point);
+                plane.sample_one(x, y).unwrap_or(f32::NAN)
+            });
+        }
         let (mut xs, mut ys) = ([0.0; LUMA_POINTS.len()], [0.0; LUMA_POINTS.len()]);
         for ((x, y), &point) in xs.iter_mut().zip(&mut ys).zip(&LUMA_POINTS) {
             [*x, *y] = self.at(point);
@@ -210,7 +216,7 @@ impl Patch {
         let planes = view.chroma(self.level - 1);
         CHROMA_POINTS.map(|p| {
             let [x, y] = self.at(p).map(math::whole);
-            let v = planes.map(|c| c.nearest(x, y));
+            let v = nearest(planes, x, y);
             (v[0] != NO_CHROMA).then(|| v.map(f32::from))
         })
     }
@@ -283,7 +289,7 @@ fn chroma_means(view: &PyramidView<'_>, level: usize, at: usize, bundle: &Bundle
 fn luma_spread(values: &[f32]) -> (f32, f32) {
     let n = values.len() as f32;
     let mean = sum(values, |v| v) / n;
-    (mean, math::sqrt(sum(values, |v| (v - mean) * (v - mean)) / n))
+    (mean, math::coarse_sqrt(sum(values, |v| (v - mean) * (v - mean)) / n))
 }
 
 /// Sum over values, of which there are four or a multiple: of every fourth for itself, so that
@@ -304,7 +310,7 @@ fn chroma_spread(values: &[Option<[f32; 2]>]) -> ([f32; 2], f32) {
     let n = (known().count() as f32).max(1.0);
     let mean = [0, 1].map(|i| known().map(|v| v[i]).sum::<f32>() / n);
     let squares = known().map(|v| (v[0] - mean[0]) * (v[0] - mean[0]) + (v[1] - mean[1]) * (v[1] - mean[1]));
-    (mean, math::sqrt(squares.sum::<f32>() / (2.0 * n)))
+    (mean, math::coarse_sqrt(squares.sum::<f32>() / (2.0 * n)))
 }
 
 fn write_luma(values: &[f32], mean: f32, scale: f32, out: &mut [u8]) {

@@ -14,7 +14,7 @@
 
 use core::ops::Range;
 
-use crate::math;
+use crate::math::{self, VECTORS};
 
 /// Value in both chroma planes where a block has no chroma (too dark, or the
 /// frame is gray).
@@ -218,7 +218,7 @@ impl<'a> Frame<'a> {
         let pairs = || data[2 * first..].as_chunks::<2>().0;
         match self.format {
             PixelFormat::Gray8 | PixelFormat::Nv12 | PixelFormat::I420 => luma.copy_from_slice(&data[first..][..n]),
-            PixelFormat::Yuyv => luma.iter_mut().zip(pairs()).for_each(|(y, p)| *y = p[0]),
+            PixelFormat::Yuyv => luma_from_yuyv(luma, &data[2 * first..][..2 * n]),
             PixelFormat::Rgb8 => luma_from_rgb8(luma, &data[3 * first..][..3 * n]),
             PixelFormat::Rgb565 => luma.iter_mut().zip(pairs()).for_each(|(y, &p)| *y = luma_of(rgb565(p))),
         }
@@ -251,9 +251,13 @@ impl<'a> Frame<'a> {
                 }
             }),
             PixelFormat::Yuyv => fill_chroma(w, h, a, b, |y| {
-                let [top, low] = rows(data, 2 * w, y).map(|row| row.as_chunks::<4>().0);
+                let [top, low] = rows(data, 2 * w, y).map(|row| &row.as_chunks::<4>().0[..w / 2]);
                 move |x| {
-                    let [y0, u, y1, v] = [0, 1, 2, 3].map(|i| i32::from(top[x][i]) + i32::from(low[x][i]));
+                    // Of two pixels at once: Y and Y, U and V.
+                    let [top, low] = [top[x], low[x]].map(u32::from_le_bytes);
+                    let [luma, uv] = [0, 8].map(|at| (top >> at & EVEN) + (low >> at & EVEN));
+                    let halves = [luma & 0xffff, luma >> 16, uv & 0xffff, uv >> 16];
+                    let [y0, y1, u, v] = halves.map(u32::cast_signed);
                     rgb_of_yuv([y0 + y1, 2 * u, 2 * v])
                 }
             }),
@@ -310,6 +314,21 @@ fn word(bytes: &[u8], at: usize) -> i32 {
     bytes.get(at..at + 4).map_or(0, |b| i32::from_le_bytes([b[0], b[1], b[2], b[3]]))
 }
 
+/// Every second byte.
+const EVEN: u32 = 0x00ff_00ff;
+
+/// Every second byte, four at a time.
+fn luma_from_yuyv(luma: &mut [u8], data: &[u8]) {
+    let (groups, rest) = luma.as_chunks_mut::<4>();
+    let (pixels, last) = data.as_chunks::<8>();
+    for (y, &[a, _, b, _, c, _, d, _]) in groups.iter_mut().zip(pixels) {
+        *y = [a, b, c, d];
+    }
+    for (y, p) in rest.iter_mut().zip(last.as_chunks::<2>().0) {
+        *y = p[0];
+    }
+}
+
 /// Sums of red, green and blue over two pixels of each of two rows.
 #[inline]
 #[allow(clippy::cast_possible_truncation, reason = "16 bits each")]
@@ -327,7 +346,7 @@ fn sums_of_rgb8(rows: [&[u8; 6]; 2]) -> [i32; 3] {
 /// range).
 fn rgb_of_yuv([luma, u, v]: [i32; 3]) -> [i32; 3] {
     let (c, u, v) = ((luma - 64) * 298, u - 512, v - 512);
-    [c + 409 * v, c - 100 * u - 208 * v, c + 516 * u].map(|t| (t >> 8).clamp(0, 1020))
+    [c + 409 * v, c - 100 * u - 208 * v, c + 516 * u].map(|t| (t >> 8).clamp(0, 1023))
 }
 
 /// Blocks whose chroma is computed together.
@@ -338,13 +357,20 @@ const STRIP: usize = 64;
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "sums of four bytes")]
 fn fill_chroma<F: Fn(usize) -> [i32; 3]>(w: usize, h: usize, a: &mut [i8], b: &mut [i8], row: impl Fn(usize) -> F) {
     let width = w / 2;
-    let mut strip = [[0; STRIP]; 3];
+    let mut strip = [[0; if VECTORS { STRIP } else { 0 }]; 3];
     for (y, (a, b)) in (0..h / 2).zip(a.chunks_exact_mut(width).zip(b.chunks_exact_mut(width))) {
         let sums = row(y);
+        if !VECTORS {
+            for (x, (a, b)) in a.iter_mut().zip(b).enumerate() {
+                let [red, green, blue] = sums(x);
+                [*a, *b] = chroma_of([red, green, blue], red.max(green).max(blue));
+            }
+            continue;
+        }
         for (i, (a, b)) in a.chunks_mut(STRIP).zip(b.chunks_mut(STRIP)).enumerate() {
             let [red, green, blue] = &mut strip;
             for x in 0..a.len().min(STRIP) {
-                [red[x], green[x], blue[x]] = sums(i * STRIP + x).map(|v| v as u16);
+                [red[x], green[x], blue[x]] = sums(i * STRIP + x).map(|v| v as i16);
             }
             chroma(&strip, a, b);
         }
@@ -352,21 +378,27 @@ fn fill_chroma<F: Fn(usize) -> [i32; 3]>(w: usize, h: usize, a: &mut [i8], b: &m
 }
 
 /// Normalised chroma of blocks from their sums (four pixels) of red, of green and of blue.
-#[allow(clippy::cast_possible_truncation, reason = "within 127")]
 #[inline(never)]
-fn chroma(sums: &[[u16; STRIP]; 3], a: &mut [i8], b: &mut [i8]) {
+fn chroma<const N: usize>(sums: &[[i16; N]; 3], a: &mut [i8], b: &mut [i8]) {
     let n = a.len();
     let ([red, green, blue], b) = (sums.each_ref().map(|s| &s[..n]), &mut b[..n]);
     for i in 0..n {
-        let [red, green, blue] = [red[i], green[i], blue[i]].map(f32::from);
-        let most = if green > blue { green } else { blue };
-        let most = if red > most { red } else { most };
-        let k = 63.5 / most;
-        let lit = most >= (4 * DARK) as f32;
-        let values = [math::whole((2.0 * red - (green + blue)) * k), math::whole((green - blue) * (1.732_050_8 * k))];
-        a[i] = if lit { values[0] as i8 } else { NO_CHROMA };
-        b[i] = if lit { values[1] as i8 } else { NO_CHROMA };
+        let most = red[i].max(green[i]).max(blue[i]);
+        [a[i], b[i]] = chroma_of([red[i], green[i], blue[i]].map(i32::from), most.into());
     }
+}
+
+#[inline(always)]
+#[allow(clippy::cast_possible_truncation, reason = "within 127")]
+fn chroma_of([red, green, blue]: [i32; 3], most: i32) -> [i8; 2] {
+    if !VECTORS && most < 4 * DARK {
+        return [NO_CHROMA; 2];
+    }
+    let k = 63.5 / most as f32;
+    let along = (2 * red - (green + blue)) as f32 * k;
+    let across = (green - blue) as f32 * (1.732_050_8 * k);
+    let lit = most >= 4 * DARK;
+    [along, across].map(|v| if lit { math::whole(v) as i8 } else { NO_CHROMA })
 }
 
 #[cfg(test)]
@@ -449,7 +481,7 @@ mod tests {
         assert_eq!(PixelFormat::Rgb565 as usize + 1, PixelFormat::ALL.len());
     }
 
-    fn chroma_of(sums: [u16; 3]) -> [i8; 2] {
+    fn chroma_of(sums: [i16; 3]) -> [i8; 2] {
         let (mut a, mut b) = ([0], [0]);
         chroma(&sums.map(|v| [v; STRIP]), &mut a, &mut b);
         [a[0], b[0]]
@@ -457,7 +489,7 @@ mod tests {
 
     #[test]
     fn brightness_leaves_chroma_alone() {
-        let at = |k: u16| chroma_of([200, 80, 40].map(|v| v * k));
+        let at = |k: i16| chroma_of([200, 80, 40].map(|v| v * k));
         let [a, b] = at(4);
         for k in [1, 2, 3] {
             let [a2, b2] = at(k);

@@ -102,6 +102,7 @@ pub mod classify;
 pub mod verify;
 pub mod vote;
 pub mod pose;
+pub mod overlay;
 pub mod align;
 pub mod method;
 pub mod train;

@@ -273,7 +273,8 @@ pub(crate) fn u16_at(b: &[u8], i: usize) -> u16 {
 }
 
 pub(crate) fn u32_at(b: &[u8], i: usize) -> u32 {
-    u32::from_le_bytes([b[i], b[i + 1], b[i + 2], b[i + 3]])
+    let b = &b[i..][..4];
+    u32::from_le_bytes([b[0], b[1], b[2], b[3]])
 }
 
 pub(crate) fn size_at(b: &[u8], i: usize) -> usize {

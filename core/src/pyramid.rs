@@ -62,6 +62,14 @@ impl<'a, T: Copy> Plane<'a, T> {
     }
 }
 
+/// [`Plane::nearest`] of both planes of chroma, which are alike.
+#[inline(always)]
+pub(crate) fn nearest(planes: [Plane<'_, i8>; 2], x: i32, y: i32) -> [i8; 2] {
+    let [a, b] = planes;
+    let b = Plane { width: a.width, height: a.height, ..b };
+    [a.nearest(x, y), b.nearest(x, y)]
+}
+
 impl Plane<'_, u8> {
     /// Samples the plane at the places `(x, y)`, px, to the nearest 1/256: the value between
     /// four pixels takes the place of `x`, no number where there are not four; `y` is spent.
@@ -72,17 +80,17 @@ impl Plane<'_, u8> {
             }
         } else {
             for (x, y) in x.iter_mut().zip(y) {
-                *x = self.sample_one(*x, *y);
+                *x = self.sample_one(*x, *y).unwrap_or(f32::NAN);
             }
         }
     }
 
-    /// One of them, by integers.
+    /// One of them, by integers; `None` outside the plane.
     #[inline]
-    pub(crate) fn sample_one(&self, x: f32, y: f32) -> f32 {
+    pub(crate) fn sample_one(&self, x: f32, y: f32) -> Option<f32> {
         let [x, y] = [x, y].map(|v| math::whole(v * PARTS));
-        let Some(square) = self.square([x, y].map(|v| (v >> 8).cast_unsigned() as usize)) else { return f32::NAN };
-        between(square, x & 255, y & 255) as f32 * (1.0 / (PARTS * PARTS))
+        let square = self.square([x, y].map(|v| (v >> 8).cast_unsigned() as usize))?;
+        Some(between(square, x & 255, y & 255) as f32 * (1.0 / (PARTS * PARTS)))
     }
 
     /// Some of them, in three loops of which the compiler makes vectors of all but the second.

@@ -16,7 +16,7 @@ use crate::frame::NO_CHROMA;
 use crate::geometry::Homography;
 use crate::math;
 use crate::model::Template;
-use crate::pyramid::{Plane, PyramidView, between, into_level, out_of_level};
+use crate::pyramid::{Plane, PyramidView, between, into_level, nearest, out_of_level};
 
 /// Half of a window's side, in square roots of the triangle's area.
 const HALF_SIDE: f32 = 1.5;
@@ -129,7 +129,7 @@ impl Counts {
         };
         let t = without_mean(self.tt, self.t, self.t) + noise * noise;
         let f = without_mean(self.ff, self.f, self.f) + noise * noise;
-        without_mean(self.tf, self.t, self.f) / math::sqrt(t * f)
+        without_mean(self.tf, self.t, self.f) / math::coarse_sqrt(t * f)
     }
 }
 
@@ -192,7 +192,7 @@ impl Window {
             let mut at = walk.start(xs.start, y);
             for x in xs.clone() {
                 let t = rows.map(|r| r[x].cast_signed());
-                let f = planes.map(|p| p.nearest((at[0] + HALF) >> SHIFT, (at[1] + HALF) >> SHIFT));
+                let f = nearest(planes, (at[0] + HALF) >> SHIFT, (at[1] + HALF) >> SHIFT);
                 if t[0] != NO_CHROMA && f[0] != NO_CHROMA {
                     sums.add_pair(t.map(i32::from), f.map(i32::from));
                 }
@@ -223,11 +223,11 @@ pub fn likeness(
     let Some(map) = affine_through(from, to) else { return 0.0 };
     let [a, b, _, d, e, ..] = map.0;
     let [p, q, r] = from;
-    let side = math::sqrt(((q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])).abs() / 2.0);
+    let side = math::coarse_sqrt(((q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])).abs() / 2.0);
     let half = (HALF_SIDE * side).max(LEAST_HALF_SIDE);
     let level = level_of(2.0 * half / SIDE * 1.2);
     // Frame px a template px.
-    let scale = math::sqrt((a * e - b * d).abs());
+    let scale = math::coarse_sqrt((a * e - b * d).abs());
     let middle = [0, 1].map(|i| (p[i] + q[i] + r[i]) / 3.0);
     let window = Window { middle, half, map };
     // A quarter of the pixels tell most of the wrong ones.

@@ -81,7 +81,12 @@ impl Finder for FastNeighbours {
         }
         // Best first: here what stands out in its surroundings, so that every
         // prefix covers the whole frame, and not only its busiest part.
-        rank_by_radius(out, limit, &mut vec![0.0; 2 * out.len()], &mut stats);
+        rank_by_radius(
+            out,
+            limit,
+            &mut vec![0.0; 3 * out.len() + luma.width().div_ceil(16) * luma.height().div_ceil(16)],
+            &mut stats,
+        );
         stats
     }
 
