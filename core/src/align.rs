@@ -504,13 +504,14 @@ impl Shade {
         let correlation = if usable { m.tf / math::coarse_sqrt(m.t * m.f) } else { 0.0 };
         let [scale_t, scale_f] = [m.t, m.f].map(|v| 1.0 / math::coarse_sqrt(v.max(1.0)));
         let offset = m.mean[0] * scale_t - m.mean[1] * scale_f;
-        Self { scale_t, scale_f, offset, weight: agreement(correlation), flat: FLAT / scale_t }
+        Self { scale_t, scale_f, offset, weight: agreement(correlation), flat: (FLAT / scale_t).min(STEEP) }
     }
 }
 
 /// Pixels whose steps, along and across, together are less than so many spreads of their block
-/// are left out: of what is flat there, noise is most.
+/// are left out, unless they are this many gray levels: of what is flat there, noise is most.
 const FLAT: f32 = 0.8;
+const STEEP: f32 = 16.0;
 
 /// Blocks that count less are left out.
 const LEAST_WEIGHT: f32 = 0.05;
