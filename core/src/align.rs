@@ -19,7 +19,7 @@ use crate::math::{self, VECTORS};
 use crate::model::Template;
 use crate::overlay::{
     AT_ONCE, BLOCKS, Moments, NO_NUMBERS, NOTHING, Numbers, Overlay, Pairs, Sums, add, add_pairs, block_columns,
-    block_ranges, number, pixels, row_of_numbers, row_of_steps, steps, times, total,
+    block_ranges, every, number, pixels, row_of_numbers, row_of_steps, steps, times, total,
 };
 use crate::pose::solve;
 use crate::pyramid::{Plane, PyramidView, into_level, nearest, out_of_level};
@@ -145,7 +145,7 @@ impl Blocks {
                 if let Some(light) = &mut light {
                     light[usize::from(place)] = Shade::new(&m);
                 }
-                blocks.add(place, &m, (w * h_ / (BLOCKS * BLOCKS)) as f32 / (if w.max(h_) > 48 { 2.0 } else { 1.0 }));
+                blocks.add(place, &m, (w * h_ / (BLOCKS * BLOCKS)) as f32 / number(every(&luma)));
             }
         }
         blocks
@@ -435,10 +435,11 @@ impl<'a> Coarse<'a> {
                         if shade.weight < LEAST_WEIGHT {
                             continue;
                         }
+                        // From far off all pixels help to come near.
+                        let flat = if self.step == 1 { shade.flat } else { 0.0 };
                         for x in xs.clone().step_by(AT_ONCE) {
                             let (gx, gy) = (steps(beside, &across, x), steps(upright, &down, x));
-                            let strong: [bool; AT_ONCE] =
-                                core::array::from_fn(|i| gx[i].abs() + gy[i].abs() >= shade.flat);
+                            let strong: [bool; AT_ONCE] = core::array::from_fn(|i| gx[i].abs() + gy[i].abs() >= flat);
                             if !VECTORS && !strong[0] {
                                 continue;
                             }

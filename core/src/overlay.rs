@@ -62,6 +62,12 @@ pub(crate) fn times(a: &Numbers, b: &Numbers) -> Numbers {
     core::array::from_fn(|i| a[i] * b[i])
 }
 
+/// Every how many rows of a level of a template are correlated: where there are many, half of
+/// them tell as much.
+pub(crate) fn every(luma: &Plane<'_, u8>) -> usize {
+    if luma.width().max(luma.height()) > TEMPLATE_SIDE / 2 { 2 } else { 1 }
+}
+
 /// What a correlation is made of.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct Moments {
@@ -129,7 +135,7 @@ impl<'a> Overlay<'a> {
     pub(crate) fn correlate(&self, ys: Range<usize>, columns: &[Range<usize>]) -> [Pairs; BLOCKS] {
         let mut pairs: [Pairs; BLOCKS] = Default::default();
         let (mut numbers, mut frame) = (NO_NUMBERS, NOTHING);
-        for y in ys.step_by(if self.luma.width().max(self.luma.height()) > 48 { 2 } else { 1 }) {
+        for y in ys.step_by(every(&self.luma)) {
             let row = self.luma.row(y);
             let track = self.row(y, &mut frame);
             row_of_numbers(row, &mut numbers);
