@@ -406,8 +406,8 @@ pub fn rank_by_strength(corners: &mut VecView<Corner>, min_distance_px: u16, lim
 /// using Multi-Scale Oriented Patches*, CVPR 2005). At most `limit` are left;
 /// what is cut off is counted as dropped.
 ///
-/// `scratch` needs three numbers for each corner and one for each 16 x 16 px. Cost: the stronger corners
-/// around each, as far as the nearest; a corner is given up as soon as it is nearer to one than
+/// `scratch` needs three numbers for each corner and one for each 16 x 16 px. Cost: the stronger
+/// corners around each, as far as the nearest; a corner is given up as soon as it is nearer to one than
 /// `limit` others are to theirs.
 ///
 /// # Panics
@@ -557,7 +557,8 @@ impl<'a> Cells<'a> {
     }
 }
 
-/// Corners by the cells of a grid in which they lie, for those who look at one at a time. Numbers of corners count from 1; 0 is none.
+/// Corners by the cells of a grid in which they lie, for those who look at one at a time.
+/// Numbers of corners count from 1; 0 is none.
 struct Grid<'a> {
     /// The last of each cell, row by row.
     last: &'a mut [f32],
@@ -598,8 +599,8 @@ impl Nearest for Grid<'_> {
 
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "whole numbers")]
     fn nearest2(&self, corners: &[Corner], p: Point, least: u32) -> u32 {
-        let [column, row] = Self::cell(p);
-        let mut near = u32::MAX;
+        let ([column, row], place) = (Self::cell(p), [p.x, p.y].map(f32::from));
+        let mut near = f32::MAX;
         // Cells around the place, then those around them.
         for ring in 0..self.columns.max(self.rows) {
             for y in row.saturating_sub(ring)..(row + ring + 1).min(self.rows) {
@@ -612,24 +613,23 @@ impl Nearest for Grid<'_> {
                     }
                     let mut number = *cell as usize;
                     while number > 0 {
+                        // In floats as a list does it: far ones are rounded.
                         let q = corners[number - 1].point;
-                        let [dx, dy] = [i32::from(p.x) - i32::from(q.x), i32::from(p.y) - i32::from(q.y)];
-                        // Of places of 16 bits it fits.
-                        near = near.min((dx * dx + dy * dy).cast_unsigned());
+                        near = min(near, distance2(place, [q.x, q.y].map(f32::from)));
                         number = self.before[number - 1] as usize;
                     }
-                    if near < least {
-                        return near;
+                    if near < least as f32 {
+                        return 0;
                     }
                 }
             }
             // What lies in other cells is farther.
-            let reach = count(ring) << Self::SIZE;
+            let reach = (count(ring) << Self::SIZE) as f32;
             if near <= reach * reach {
                 break;
             }
         }
-        near
+        near as u32
     }
 }
 
@@ -786,6 +786,25 @@ wanted:
             let points = |corners: &[Corner]| corners.iter().map(|c| c.point).collect::<std::vec::Vec<_>>();
             assert_eq!(points(&ranked), points(&want[..limit]), "{limit} of {ALL}, {scratch} numbers");
         }
+    }
+
+    /// Boards use the one, processors with vectors the other.
+    #[test]
+    fn a_grid_gives_the_radii_of_a_list() {
+        const ALL: usize = if cfg!(miri) { 60 } else { 400 };
+        let noise = |i: usize| (i as u32 + 1).wrapping_mul(2_654_435_761) >> 8;
+        let corner = |i: usize| Corner {
+            point: Point::new((noise(i) % 20_000) as i16, (noise(i + 5000) % 12_000) as i16),
+            strength: 1_000_000 / (i as i32 + 1),
+            radius2: 0,
+        };
+        let mut listed: std::vec::Vec<Corner> = (0..ALL).map(corner).collect();
+        let mut sorted = listed.clone();
+        let (mut a, mut b) = (std::vec![0.0; 9600], std::vec![0.0; 9600]);
+        set_radii(&mut listed, &mut Reach::new(ALL), &mut List::new(ALL, &mut a));
+        let mut grid = Grid::new(&sorted, &mut b);
+        set_radii(&mut sorted, &mut Reach::new(ALL), &mut grid);
+        assert_eq!(listed, sorted);
     }
 
     #[test]
