@@ -277,14 +277,14 @@ pub fn detect_corners(
             while let Some(next) = here[1][x.min(end)..end].iter().position(|v| v.to_bits() != 0) {
                 x += next;
                 let v = here[1][x];
-                let along = || v > left[1][x] && v >= right[1][x];
+                // What follows one that is not exceeded by it is no peak.
+                let falls = v >= right[1][x];
                 let across = || v > here[0][x] && v >= here[2][x];
                 let aslant = || v > left[0][x] && v > right[0][x] && v >= left[2][x] && v >= right[2][x];
-                let is_peak = along() && across() && aslant();
-                x += 1;
-                if is_peak {
-                    take(x);
+                if falls && v > left[1][x] && across() && aslant() {
+                    take(x + 1);
                 }
+                x += 1 + usize::from(falls);
             }
         }
     }

@@ -141,8 +141,9 @@ impl<'a> Overlay<'a> {
             row_of_numbers(row, &mut numbers);
             for (pairs, xs) in pairs.iter_mut().zip(columns) {
                 let mut sums = *pairs;
-                for x in xs.clone().step_by(AT_ONCE) {
-                    let Some((f, seen)) = track.group(&frame, x, xs.end - x) else { continue };
+                let end = xs.end.min(row.len());
+                for x in (xs.start..end).step_by(AT_ONCE) {
+                    let Some((f, seen)) = track.group(&frame, x, end - x) else { continue };
                     // Of whole gray levels sums are exact, in whatever order.
                     let f = f.map(|v| math::whole(v) as f32);
                     add_pairs(&mut sums, 0, &pixels(row, &numbers, x), &f, &seen);

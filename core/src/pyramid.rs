@@ -12,7 +12,7 @@
 use crate::capacity::LEVELS;
 use crate::frame::{Frame, FrameError, MAX_SIDE, NO_CHROMA, Part};
 use crate::geometry::{Homography, Point};
-use crate::math::{self, VECTORS};
+use crate::math::{self, VECTORS, Word};
 
 /// A borrowed plane of pixels without padding.
 #[derive(Clone, Copy, Debug)]
@@ -134,11 +134,10 @@ impl Plane<'_, u8> {
         if x >= self.width - 1 || y >= self.height - 1 {
             return None;
         }
-        // Of one length, so that what is within the one is within the other.
-        let low = self.data.get(self.width..)?;
-        let (top, at) = (self.data.get(..low.len())?, y * self.width + x);
-        let (&[a, b], &[c, d]) = (top.get(at..)?.first_chunk()?, low.get(at..)?.first_chunk()?);
-        Some([a, b, c, d].map(i32::from))
+        // Within 16 bits, so that one look at the length is enough.
+        let w = self.width & 0xffff;
+        let rest = self.data.get(y * self.width + x..)?;
+        (rest.len() > w + 1).then(|| [rest[0], rest[1], rest[w], rest[w + 1]].map(i32::from))
     }
 
     /// [`Plane::sample`], clamped to the plane.
@@ -261,31 +260,31 @@ impl<const LUMA: usize, const CHROMA: usize> Pyramid<LUMA, CHROMA> {
     }
 }
 
-/// Bytes that are halved together: words of four sums of 16 bits.
-const WORD: usize = 8;
+/// Bytes that are halved together.
+const WORD: usize = size_of::<Word>();
 
-/// The lower byte of each sum, and one in each.
-const EVEN: u64 = 0x00ff_00ff_00ff_00ff;
-const ONES: u64 = 0x0001_0001_0001_0001;
+/// The lower byte of each sum of 16 bits, and one in each.
+const EVEN: Word = Word::MAX / 0xffff * 0xff;
+const ONES: Word = Word::MAX / 0xffff;
 
-/// Means of the four squares that lie in a word and in that below it, halves rounded up.
+/// First come the means of the squares that lie in a word and in that below it, halves rounded up.
 #[inline(always)]
-#[allow(clippy::cast_possible_truncation, reason = "four bytes")]
-const fn means(top: u64, low: u64) -> [u8; WORD / 2] {
+const fn means(top: Word, low: Word) -> [u8; WORD] {
     let sums = (top & EVEN) + (top >> 8 & EVEN) + (low & EVEN) + (low >> 8 & EVEN) + 2 * ONES;
     let means = sums >> 2 & EVEN;
-    let pairs = (means | means >> 8) & 0x0000_ffff_0000_ffff;
-    ((pairs | pairs >> 16) as u32).to_le_bytes()
+    let pairs = (means | means >> 8) & (Word::MAX / 0xffff_ffff * 0xffff);
+    (pairs | pairs >> 16).to_le_bytes()
 }
 
 /// Half a row of luma: means of two rows' squares.
 pub(crate) fn halve_luma(top: &[u8], low: &[u8], out: &mut [u8]) {
-    let (words, rest) = out.as_chunks_mut();
+    let (words, rest) = out.as_chunks_mut::<{ WORD / 2 }>();
     let ((top, top_rest), (low, low_rest)) = (top.as_chunks(), low.as_chunks());
     for ((out, top), low) in words.iter_mut().zip(top).zip(low) {
-        *out = means(u64::from_le_bytes(*top), u64::from_le_bytes(*low));
+        let means = means(Word::from_le_bytes(*top), Word::from_le_bytes(*low));
+        *out = core::array::from_fn(|i| means[i]);
     }
-    let word = |row: &[u8]| row.iter().rev().fold(0, |word, &v| word << 8 | u64::from(v));
+    let word = |row: &[u8]| Word::from_le_bytes(core::array::from_fn(|i| row.get(i).copied().unwrap_or_default()));
     rest.copy_from_slice(&means(word(top_rest), word(low_rest))[..rest.len()]);
 }
 
@@ -321,27 +320,28 @@ impl Byte for i8 {
 /// which there must be two.
 pub(crate) fn halve_chroma<T: Byte>(top: &[T], low: &[T], out: &mut [T]) {
     // What this turns over is the number plus 128, and no chroma is 0.
-    const SIGN: u64 = 0x80 * 0x0101_0101_0101_0101;
+    const SIGN: Word = Word::MAX / 0xff * 0x80;
     const { assert!(NO_CHROMA.cast_unsigned() == 0x80, "no chroma is the byte that is 0 here") };
-    let word = |row: &[T; WORD]| u64::from_le_bytes(row.map(T::bits)) ^ SIGN;
-    // Where the first byte that is 0 lies, and perhaps others above it, is a bit.
-    let zeros = |word: u64| word.wrapping_sub(SIGN >> 7) & !word & SIGN;
+    let word = |row: &[T; WORD]| Word::from_le_bytes(core::array::from_fn(|i| row[i].bits())) ^ SIGN;
+    // The highest bit of the first byte that is 0 is set, and perhaps those of others above it.
+    let zeros = |word: Word| word.wrapping_sub(SIGN >> 7) & !word;
     let (words, rest) = out.as_chunks_mut::<{ WORD / 2 }>();
     let ((top, top_rest), (low, low_rest)) = (top.as_chunks(), low.as_chunks());
     let mut lacking = 0;
     for ((out, top), low) in words.iter_mut().zip(top).zip(low) {
         let (top, low) = (word(top), word(low));
         lacking |= zeros(top) | zeros(low);
-        *out = means(top, low).map(|mean| T::from_bits(mean ^ 0x80));
+        let means = means(top, low);
+        *out = core::array::from_fn(|i| T::from_bits(means[i] ^ 0x80));
     }
     let square = |top: &[T], low: &[T]| {
         T::from_bits(chroma_mean([top[0], top[1], low[0], low[1]].map(T::bits).map(u8::cast_signed)).cast_unsigned())
     };
-    if lacking != 0 {
+    if lacking & SIGN != 0 {
         for ((out, top), low) in words.iter_mut().zip(top).zip(low) {
             let words = [word(top), word(low)];
             // Where nothing has chroma the mean of all has none either.
-            if zeros(words[0]) | zeros(words[1]) != 0 && words != [0; 2] {
+            if (zeros(words[0]) | zeros(words[1])) & SIGN != 0 && words != [0; 2] {
                 *out = core::array::from_fn(|i| square(&top[2 * i..], &low[2 * i..]));
             }
         }
