@@ -126,7 +126,8 @@ mod tests {
     #[test]
     fn pixels_wider_than_a_tile_are_means_too() {
         let source: std::vec::Vec<u8> = (0..3 * 1500usize).map(|i| (i * i / 7) as u8).collect();
-        for to in [1, 2, 7, 400, 1499, 1500] {
+        let sizes = [1, 2, 7, 400, 1499, 1500];
+        for to in if cfg!(miri) { &sizes[..3] } else { &sizes }.iter().copied() {
             let mut out = std::vec![0; 3 * to];
             shrink::<3>(&source, (1500, 1), &mut out, (to, 1));
             for (i, pixel) in out.chunks(3).enumerate() {
