@@ -16,13 +16,14 @@ use crate::wire::FrameHeader;
 /// Longer and shorter side of the largest object that is learnt, px: what fits where
 /// the detector will be.
 #[must_use]
-pub const fn largest(qvga: bool) -> [usize; 2] {
-    if qvga { [240, 180] } else { [112, 84] }
+pub const fn largest(qqvga: bool) -> [usize; 2] {
+    if qqvga { [112, 84] } else { [240, 180] }
 }
 
-const LARGEST: [usize; 2] = largest(cfg!(feature = "qvga"));
+const QQVGA: bool = !cfg!(any(feature = "qvga", feature = "vga"));
+const LARGEST: [usize; 2] = largest(QQVGA);
 /// Most bytes of the model.
-pub const MODEL_BYTES: usize = if cfg!(feature = "qvga") { 64 << 10 } else { 24 << 10 };
+pub const MODEL_BYTES: usize = if QQVGA { 24 << 10 } else { 64 << 10 };
 
 const PIXELS: usize = LARGEST[0] * LARGEST[1];
 

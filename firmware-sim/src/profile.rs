@@ -1,4 +1,4 @@
-//! The detector of the build: feature `qvga`, else qqvga.
+//! The detector of the build: feature `qvga` or `vga`, else qqvga.
 //!
 //! In, out: types alone. Memory: a detector and a raw frame of two bytes a pixel.
 
@@ -6,7 +6,10 @@
 #[cfg(feature = "qvga")]
 pub type Detector = keygraph_core::detect::QvgaDetector;
 /// The detector.
-#[cfg(not(feature = "qvga"))]
+#[cfg(feature = "vga")]
+pub type Detector = keygraph_core::detect::VgaDetector;
+/// The detector.
+#[cfg(not(any(feature = "qvga", feature = "vga")))]
 pub type Detector = keygraph_core::detect::QqvgaDetector;
 
 /// Bytes of the largest frame.

@@ -47,7 +47,7 @@ fn readme() -> Result<PathBuf> {
 /// The name of a run in the baseline: board and profile.
 fn name(run: &Run) -> String {
     let (_, machine, frames) = run.of;
-    format!("{}, {}", if machine.modelled() == "stm32f405" { "m4" } else { "m7" }, frames.name())
+    format!("{}, {}", machine.name(), frames.name())
 }
 
 /// The compiler that builds the firmware.

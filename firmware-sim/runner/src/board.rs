@@ -14,7 +14,7 @@ use object::{Object, ObjectSection, ObjectSymbol};
 /// Most bytes of stack.
 pub const STACK_LIMIT: u32 = 8 << 10;
 
-/// The rust target of both boards.
+/// The rust target of all boards.
 pub const TARGET: &str = "thumbv7em-none-eabihf";
 
 /// A processor, and the board whose memory is modelled around it.
@@ -24,15 +24,27 @@ pub enum Machine {
     M4,
     /// Cortex-M7 as in an STM32H743: 2 MB of flash, 512 KB of RAM
     M7,
+    /// A Cortex-M7 with memory as in an STM32N657, whose M55 runs the same code: 4 MB of RAM
+    N6,
 }
 
 impl Machine {
+    /// Its name on the command line.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::M4 => "m4",
+            Self::M7 => "m7",
+            Self::N6 => "n6",
+        }
+    }
+
     /// The emulator's name for it.
     #[must_use]
     pub const fn emulated(self) -> &'static str {
         match self {
             Self::M4 => "mps2-an386",
-            Self::M7 => "mps2-an500",
+            Self::M7 | Self::N6 => "mps2-an500",
         }
     }
 
@@ -42,6 +54,7 @@ impl Machine {
         match self {
             Self::M4 => "stm32f405",
             Self::M7 => "stm32h743",
+            Self::N6 => "stm32n657",
         }
     }
 }
@@ -49,6 +62,8 @@ impl Machine {
 /// Size of frames on a board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Frames {
+    /// 640 x 480
+    Vga,
     /// 320 x 240
     Qvga,
     /// 160 x 120
@@ -60,6 +75,7 @@ impl Frames {
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
+            Self::Vga => "vga",
             Self::Qvga => "qvga",
             Self::Qqvga => "qqvga",
         }

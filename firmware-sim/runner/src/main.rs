@@ -36,7 +36,7 @@ struct Cli {
     /// Size of frames
     #[arg(long, value_enum, default_value = "qvga")]
     profile: Frames,
-    /// The board [default: m7 for qvga, m4 for qqvga]
+    /// The board [default: n6 for vga, m7 for qvga, m4 for qqvga]
     #[arg(long, value_enum)]
     machine: Option<Machine>,
     /// What the board's sensor gives
@@ -63,7 +63,7 @@ struct Cli {
     /// its frames are searched, and no arguments needed
     #[arg(long, conflicts_with_all = ["learn", "camera", "inputs", "format"])]
     baseline: bool,
-    /// Measure the sample on both boards, and write firmware-sim/baseline.json and the
+    /// Measure the sample on all boards, and write firmware-sim/baseline.json and the
     /// tables of firmware-sim/README.md anew
     #[arg(long, exclusive = true)]
     renew: bool,
@@ -110,10 +110,10 @@ struct Shot {
     header: FrameHeader,
 }
 
-/// Measures both boards on the sample, and writes what they take.
+/// Measures the boards on the sample, and writes what they take.
 fn renew() -> Result<bool> {
     let mut runs = Vec::new();
-    for profile in ["qvga", "qqvga"] {
+    for profile in ["vga", "qvga", "qqvga"] {
         let cli = Cli::parse_from(["scripts/board", "--baseline", "--tables", "--check", "--profile", profile]);
         let (fine, run) = searched(&cli, &sample::frames()?)?;
         ensure!(fine, "this machine and the board differ with {profile}: nothing was written");
@@ -141,6 +141,7 @@ fn board(cli: &Cli) -> Result<(bool, Option<Run>)> {
 /// Searches frames, after a model if there is one among `inputs`.
 fn searched(cli: &Cli, inputs: &[PathBuf]) -> Result<(bool, Option<Run>)> {
     let machine = cli.machine.unwrap_or(match cli.profile {
+        Frames::Vga => Machine::N6,
         Frames::Qvga => Machine::M7,
         Frames::Qqvga => Machine::M4,
     });
@@ -243,6 +244,7 @@ fn load(path: &Path) -> Result<Vec<u8>> {
 
 const fn host_profile(frames: Frames) -> Profile {
     match frames {
+        Frames::Vga => Profile::Vga,
         Frames::Qvga => Profile::Qvga,
         Frames::Qqvga => Profile::Qqvga,
     }
@@ -295,7 +297,7 @@ impl Cli {
 
 /// The middle of a frame that is learnt: three quarters of both sides.
 fn middle(frames: Frames, size: [u32; 2]) -> [u32; 2] {
-    let [longer, shorter] = largest(frames == Frames::Qvga);
+    let [longer, shorter] = largest(frames == Frames::Qqvga);
     let limit = if size[0] >= size[1] { [longer, shorter] } else { [shorter, longer] };
     [0, 1].map(|i| (size[i] * 3 / 4).min(limit[i] as u32) & !1)
 }
