@@ -75,6 +75,7 @@ const fn mirror(i: isize, n: usize) -> usize {
 }
 
 /// Sobel derivatives of the middle row as products `dx dx`, `dx dy`, `dy dy`.
+#[cfg_attr(feature = "dispatch", multiversion::multiversion(targets("x86_64+avx2")))]
 fn products([top, mid, low]: [&[u8]; 3], [xx, xy, yy]: &mut [&mut [f32]; 3]) {
     let n = mid.len() - 2;
     // Each pixel and its neighbours as slices of one length: no bounds to check.
@@ -95,6 +96,7 @@ fn products([top, mid, low]: [&[u8]; 3], [xx, xy, yy]: &mut [&mut [f32]; 3]) {
 }
 
 /// Sums over each pixel and its two neighbours in the row.
+#[cfg_attr(feature = "dispatch", multiversion::multiversion(targets("x86_64+avx2")))]
 fn sum3(p: &[f32], out: &mut [f32]) {
     let w = p.len();
     out[0] = p[0] + 2.0 * p[1];
@@ -154,6 +156,7 @@ const LANES: usize = 8;
 
 /// Strengths of a row from the sums in the rows around it; what is below `cut`
 /// may be 0. Returns the greatest.
+#[cfg_attr(feature = "dispatch", multiversion::multiversion(targets("x86_64+avx2")))]
 fn strengths(sums: [&[f32]; 3], cut: f32, out: &mut [f32]) -> f32 {
     if !VECTORS {
         return strengths_one_by_one(sums.map(|s| s.as_chunks().0), cut, out);
@@ -295,6 +298,7 @@ pub fn detect_corners(
 
 /// The strengths of the middle row where no neighbour exceeds them (of equals the first
 /// in reading order wins), else 0.
+#[cfg_attr(feature = "dispatch", multiversion::multiversion(targets("x86_64+avx2")))]
 fn find_peaks(around: [&[f32]; 3], out: &mut [f32]) {
     let [[t0, m0, l0], [t1, m1, l1], [t2, m2, l2]] = beside(around);
     let n = m1.len();

@@ -201,26 +201,14 @@ impl<'a> Frame<'a> {
     /// # Panics
     /// Never for a slice of this length or longer.
     pub fn convert_luma(&self, luma: &mut [u8]) {
-        self.luma_from(0, &mut luma[..self.width * self.height]);
+        luma_from(self, 0, &mut luma[..self.width * self.height]);
     }
 
     /// That of a part, which lies within the frame.
     pub(crate) fn convert_luma_of(&self, part: &Part, luma: &mut [u8]) {
         let starts = part.rows.clone().map(|y| y * self.width + part.columns.start);
         for (start, row) in starts.zip(luma.chunks_exact_mut(part.columns.len())) {
-            self.luma_from(start, row);
-        }
-    }
-
-    /// Luma of the pixels from one on, in reading order.
-    fn luma_from(&self, first: usize, luma: &mut [u8]) {
-        let (n, data) = (luma.len(), self.data);
-        let pairs = || data[2 * first..].as_chunks::<2>().0;
-        match self.format {
-            PixelFormat::Gray8 | PixelFormat::Nv12 | PixelFormat::I420 => luma.copy_from_slice(&data[first..][..n]),
-            PixelFormat::Yuyv => luma_from_yuyv(luma, &data[2 * first..][..2 * n]),
-            PixelFormat::Rgb8 => luma_from_rgb8(luma, &data[3 * first..][..3 * n]),
-            PixelFormat::Rgb565 => luma.iter_mut().zip(pairs()).for_each(|(y, &p)| *y = luma_of(rgb565(p))),
+            luma_from(self, start, row);
         }
     }
 
@@ -230,50 +218,69 @@ impl<'a> Frame<'a> {
     /// # Panics
     /// Never for slices of these lengths or longer.
     pub fn convert(&self, luma: &mut [u8], a: &mut [i8], b: &mut [i8]) {
-        let (w, h, data) = (self.width, self.height, self.data);
-        let n = w * h;
         self.convert_luma(luma);
-        match self.format {
-            PixelFormat::Gray8 => {
-                let c = (w / 2) * (h / 2);
-                a[..c].fill(NO_CHROMA);
-                b[..c].fill(NO_CHROMA);
+        chroma_from(self, a, b);
+    }
+}
+
+/// Luma of the pixels from one on, in reading order.
+#[cfg_attr(feature = "dispatch", multiversion::multiversion(targets("x86_64+avx2")))]
+fn luma_from(frame: &Frame<'_>, first: usize, luma: &mut [u8]) {
+    let (n, data) = (luma.len(), frame.data);
+    let pairs = || data[2 * first..].as_chunks::<2>().0;
+    match frame.format {
+        PixelFormat::Gray8 | PixelFormat::Nv12 | PixelFormat::I420 => luma.copy_from_slice(&data[first..][..n]),
+        PixelFormat::Yuyv => luma_from_yuyv(luma, &data[2 * first..][..2 * n]),
+        PixelFormat::Rgb8 => luma_from_rgb8(luma, &data[3 * first..][..3 * n]),
+        PixelFormat::Rgb565 => luma.iter_mut().zip(pairs()).for_each(|(y, &p)| *y = luma_of(rgb565(p))),
+    }
+}
+
+/// Fills the chroma planes.
+#[cfg_attr(feature = "dispatch", multiversion::multiversion(targets("x86_64+avx2")))]
+fn chroma_from(frame: &Frame<'_>, a: &mut [i8], b: &mut [i8]) {
+    let (w, h, data) = (frame.width, frame.height, frame.data);
+    let n = w * h;
+    match frame.format {
+        PixelFormat::Gray8 => {
+            let c = (w / 2) * (h / 2);
+            a[..c].fill(NO_CHROMA);
+            b[..c].fill(NO_CHROMA);
+        }
+        PixelFormat::Rgb8 => fill_chroma(w, h, a, b, |y| {
+            let [top, low] = rows(data, 3 * w, y).map(|row| row.as_chunks().0);
+            move |x| sums_of_rgb8([&top[x], &low[x]])
+        }),
+        PixelFormat::Rgb565 => fill_chroma(w, h, a, b, |y| {
+            let [top, low] = rows(data, 2 * w, y).map(|row| row.as_chunks().0);
+            move |x| {
+                let [p, q, r, s] = [top[2 * x], top[2 * x + 1], low[2 * x], low[2 * x + 1]].map(rgb565);
+                [0, 1, 2].map(|c| p[c] + q[c] + r[c] + s[c])
             }
-            PixelFormat::Rgb8 => fill_chroma(w, h, a, b, |y| {
-                let [top, low] = rows(data, 3 * w, y).map(|row| row.as_chunks().0);
-                move |x| sums_of_rgb8([&top[x], &low[x]])
-            }),
-            PixelFormat::Rgb565 => fill_chroma(w, h, a, b, |y| {
-                let [top, low] = rows(data, 2 * w, y).map(|row| row.as_chunks().0);
-                move |x| {
-                    let [p, q, r, s] = [top[2 * x], top[2 * x + 1], low[2 * x], low[2 * x + 1]].map(rgb565);
-                    [0, 1, 2].map(|c| p[c] + q[c] + r[c] + s[c])
-                }
-            }),
-            PixelFormat::Yuyv => fill_chroma(w, h, a, b, |y| {
-                let [top, low] = rows(data, 2 * w, y).map(|row| &row.as_chunks::<4>().0[..w / 2]);
-                move |x| {
-                    // Of two pixels at once: Y and Y, U and V.
-                    let [top, low] = [top[x], low[x]].map(u32::from_le_bytes);
-                    let [luma, uv] = [0, 8].map(|at| (top >> at & EVEN) + (low >> at & EVEN));
-                    let halves = [luma & 0xffff, luma >> 16, uv & 0xffff, uv >> 16];
-                    let [y0, y1, u, v] = halves.map(u32::cast_signed);
-                    rgb_of_yuv([y0 + y1, 2 * u, 2 * v])
-                }
-            }),
-            PixelFormat::Nv12 | PixelFormat::I420 => {
-                let uv = &data[n..];
-                // Distance between neighbours of one plane, and of U and V.
-                let (step, v) = if self.format == PixelFormat::Nv12 { (2, 1) } else { (1, n / 4) };
-                fill_chroma(w, h, a, b, |y| {
-                    let [top, low] = rows(data, w, y).map(|row| row.as_chunks().0);
-                    let (u, v) = (&uv[y * (w / 2) * step..], &uv[y * (w / 2) * step + v..]);
-                    move |x| {
-                        let [[p, q], [r, s]] = [top[x], low[x]].map(|pair: [u8; 2]| pair.map(i32::from));
-                        rgb_of_yuv([p + q + r + s, i32::from(u[step * x]) * 4, i32::from(v[step * x]) * 4])
-                    }
-                });
+        }),
+        PixelFormat::Yuyv => fill_chroma(w, h, a, b, |y| {
+            let [top, low] = rows(data, 2 * w, y).map(|row| &row.as_chunks::<4>().0[..w / 2]);
+            move |x| {
+                // Of two pixels at once: Y and Y, U and V.
+                let [top, low] = [top[x], low[x]].map(u32::from_le_bytes);
+                let [luma, uv] = [0, 8].map(|at| (top >> at & EVEN) + (low >> at & EVEN));
+                let halves = [luma & 0xffff, luma >> 16, uv & 0xffff, uv >> 16];
+                let [y0, y1, u, v] = halves.map(u32::cast_signed);
+                rgb_of_yuv([y0 + y1, 2 * u, 2 * v])
             }
+        }),
+        PixelFormat::Nv12 | PixelFormat::I420 => {
+            let uv = &data[n..];
+            // Distance between neighbours of one plane, and of U and V.
+            let (step, v) = if frame.format == PixelFormat::Nv12 { (2, 1) } else { (1, n / 4) };
+            fill_chroma(w, h, a, b, |y| {
+                let [top, low] = rows(data, w, y).map(|row| row.as_chunks().0);
+                let (u, v) = (&uv[y * (w / 2) * step..], &uv[y * (w / 2) * step + v..]);
+                move |x| {
+                    let [[p, q], [r, s]] = [top[x], low[x]].map(|pair: [u8; 2]| pair.map(i32::from));
+                    rgb_of_yuv([p + q + r + s, i32::from(u[step * x]) * 4, i32::from(v[step * x]) * 4])
+                }
+            });
         }
     }
 }
@@ -297,6 +304,7 @@ fn luma_of([r, g, b]: [i32; 3]) -> u8 {
 
 /// Four pixels at a time, each as a word of red, green, blue and what lies beside it: so their
 /// bytes need not be told apart one by one.
+#[inline(always)]
 fn luma_from_rgb8(luma: &mut [u8], data: &[u8]) {
     let (groups, rest) = luma.as_chunks_mut::<4>();
     let (pixels, last) = data.as_chunks::<12>();
@@ -318,6 +326,7 @@ fn word(bytes: &[u8], at: usize) -> i32 {
 const EVEN: u32 = 0x00ff_00ff;
 
 /// Every second byte, four at a time.
+#[inline(always)]
 fn luma_from_yuyv(luma: &mut [u8], data: &[u8]) {
     let (groups, rest) = luma.as_chunks_mut::<4>();
     let (pixels, last) = data.as_chunks::<8>();
@@ -330,7 +339,7 @@ fn luma_from_yuyv(luma: &mut [u8], data: &[u8]) {
 }
 
 /// Sums of red, green and blue over two pixels of each of two rows.
-#[inline]
+#[inline(always)]
 #[allow(clippy::cast_possible_truncation, reason = "16 bits each")]
 fn sums_of_rgb8(rows: [&[u8; 6]; 2]) -> [i32; 3] {
     // Every second byte, with room for carries: the sums of all rows at once.
@@ -352,8 +361,9 @@ fn rgb_of_yuv([luma, u, v]: [i32; 3]) -> [i32; 3] {
 /// Blocks whose chroma is computed together.
 const STRIP: usize = 64;
 
-/// Fills the chroma planes: `row(y)(x)` gives the sums of red, green and blue over the pixels
+/// Fills them: `row(y)(x)` gives the sums of red, green and blue over the pixels
 /// of the `x`th block of row `y`.
+#[inline(always)]
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "sums of four bytes")]
 fn fill_chroma<F: Fn(usize) -> [i32; 3]>(w: usize, h: usize, a: &mut [i8], b: &mut [i8], row: impl Fn(usize) -> F) {
     let width = w / 2;
@@ -378,7 +388,7 @@ fn fill_chroma<F: Fn(usize) -> [i32; 3]>(w: usize, h: usize, a: &mut [i8], b: &m
 }
 
 /// Normalised chroma of blocks from their sums (four pixels) of red, of green and of blue.
-#[inline(never)]
+#[inline(always)]
 fn chroma<const N: usize>(sums: &[[i16; N]; 3], a: &mut [i8], b: &mut [i8]) {
     let n = a.len();
     let ([red, green, blue], b) = (sums.each_ref().map(|s| &s[..n]), &mut b[..n]);

@@ -76,7 +76,7 @@ impl Plane<'_, u8> {
     pub(crate) fn sample(&self, x: &mut [f32], y: &mut [f32]) {
         if VECTORS {
             for (x, y) in x.chunks_mut(STRIP).zip(y.chunks_mut(STRIP)) {
-                self.sample_strip(x, y);
+                sample_strip(self, x, y);
             }
         } else {
             for (x, y) in x.iter_mut().zip(y) {
@@ -91,40 +91,6 @@ impl Plane<'_, u8> {
         let [x, y] = [x, y].map(|v| math::whole(v * PARTS));
         let square = self.square([x, y].map(|v| (v >> 8).cast_unsigned() as usize))?;
         Some(between(square, x & 255, y & 255) as f32 * (1.0 / (PARTS * PARTS)))
-    }
-
-    /// Some of them, in three loops of which the compiler makes vectors of all but the second.
-    #[inline(never)]
-    fn sample_strip(&self, x: &mut [f32], y: &mut [f32]) {
-        let n = x.len().min(STRIP);
-        let mut squares = [0u32; STRIP];
-        let (x, y, squares) = (&mut x[..n], &mut y[..n], &mut squares[..n]);
-        let (width, right, bottom) = (number(self.width), number(self.width) - 1, number(self.height) - 1);
-        for i in 0..n {
-            let (fx, fy) = (math::whole(x[i] * PARTS), math::whole(y[i] * PARTS));
-            let (column, row) = (fx >> 8, fy >> 8);
-            let inside = (column >= 0) & (column < right) & (row >= 0) & (row < bottom);
-            // 15 bits each, so that one instruction multiplies them.
-            let start = (row & 0x7fff) * (width & 0x7fff) + column;
-            squares[i] = if inside { start.cast_unsigned() } else { 0 };
-            x[i] = if inside { (fx & 255) as f32 } else { f32::NAN };
-            y[i] = (fy & 255) as f32;
-        }
-        // Of one length, so that what is within the one is within the other.
-        let low = &self.data[self.width..];
-        let top = &self.data[..low.len()];
-        for square in squares.iter_mut() {
-            let at = *square as usize;
-            let pair = |row: &[u8]| row.get(at..at + 2).map_or(0, |v| u32::from(v[0]) | u32::from(v[1]) << 8);
-            *square = pair(top) | pair(low) << 16;
-        }
-        for i in 0..n {
-            // As `between` has it: no step is rounded.
-            let byte = |shift: u32| (squares[i] >> shift & 255).cast_signed() as f32;
-            let top = PARTS * byte(0) + x[i] * (byte(8) - byte(0));
-            let low = PARTS * byte(16) + x[i] * (byte(24) - byte(16));
-            x[i] = (PARTS * top + y[i] * (low - top)) * (1.0 / (PARTS * PARTS));
-        }
     }
 
     /// The pixel `(x, y)`, that beside it, and the two below; `None` where one of them is
@@ -151,6 +117,41 @@ impl Plane<'_, u8> {
         x.iter_mut().for_each(|x| *x = clamp(*x, right));
         y.iter_mut().for_each(|y| *y = clamp(*y, bottom));
         self.sample(x, y);
+    }
+}
+
+/// Some of them, in three loops of which the compiler makes vectors of all but the second.
+#[cfg_attr(feature = "dispatch", multiversion::multiversion(targets("x86_64+avx2")))]
+#[inline(never)]
+fn sample_strip(plane: &Plane<'_, u8>, x: &mut [f32], y: &mut [f32]) {
+    let n = x.len().min(STRIP);
+    let mut squares = [0u32; STRIP];
+    let (x, y, squares) = (&mut x[..n], &mut y[..n], &mut squares[..n]);
+    let (width, right, bottom) = (number(plane.width), number(plane.width) - 1, number(plane.height) - 1);
+    for i in 0..n {
+        let (fx, fy) = (math::whole(x[i] * PARTS), math::whole(y[i] * PARTS));
+        let (column, row) = (fx >> 8, fy >> 8);
+        let inside = (column >= 0) & (column < right) & (row >= 0) & (row < bottom);
+        // 15 bits each, so that one instruction multiplies them.
+        let start = (row & 0x7fff) * (width & 0x7fff) + column;
+        squares[i] = if inside { start.cast_unsigned() } else { 0 };
+        x[i] = if inside { (fx & 255) as f32 } else { f32::NAN };
+        y[i] = (fy & 255) as f32;
+    }
+    // Of one length, so that what is within the one is within the other.
+    let low = &plane.data[plane.width..];
+    let top = &plane.data[..low.len()];
+    for square in squares.iter_mut() {
+        let at = *square as usize;
+        let pair = |row: &[u8]| row.get(at..at + 2).map_or(0, |v| u32::from(v[0]) | u32::from(v[1]) << 8);
+        *square = pair(top) | pair(low) << 16;
+    }
+    for i in 0..n {
+        // As `between` has it: no step is rounded.
+        let byte = |shift: u32| (squares[i] >> shift & 255).cast_signed() as f32;
+        let top = PARTS * byte(0) + x[i] * (byte(8) - byte(0));
+        let low = PARTS * byte(16) + x[i] * (byte(24) - byte(16));
+        x[i] = (PARTS * top + y[i] * (low - top)) * (1.0 / (PARTS * PARTS));
     }
 }
 
