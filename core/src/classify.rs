@@ -100,6 +100,8 @@ pub fn classify(model: &Model<'_>, tier: Tier, k: &Keygraph, feature: &Feature, 
 /// once.
 const KEYS: usize = if VECTORS { 16 } else { 4 };
 const WORDS: usize = KEYS / 4;
+/// The same in large subsets, where there are vectors.
+const BLOCK: usize = 128;
 /// Keys of a subset from which on those of the right size are sought out.
 const MANY: usize = 32;
 /// The highest bit of each byte.
@@ -115,7 +117,8 @@ const fn in_each_byte(v: u8) -> u32 {
 }
 
 /// Word `i` of some keys.
-fn word(keys: &[u8; KEYS], i: usize) -> u32 {
+#[inline(always)]
+fn word<const N: usize>(keys: &[u8; N], i: usize) -> u32 {
     u32::from_le_bytes([keys[4 * i], keys[4 * i + 1], keys[4 * i + 2], keys[4 * i + 3]])
 }
 
@@ -125,13 +128,49 @@ const fn count_bits(x: u32) -> u32 {
     (x & 0x3333_3333) + (x >> 2 & 0x3333_3333)
 }
 
+/// What the keys of a subset are compared with.
+#[derive(Clone, Copy)]
+struct Pattern {
+    /// Each byte of the signature, four times.
+    signature: [u32; 3],
+    /// 0x80 and the bits that may differ, in each byte.
+    most_bits: u32,
+    /// Of both angles, in each byte: what the least is from 0x80, and 0x80 and the most.
+    ranges: [[u32; 2]; 2],
+}
+
+impl Pattern {
+    /// Of four keys, whose angles and parts of signatures these are: the highest bit of the byte
+    /// of each that is alike.
+    #[inline(always)]
+    const fn alike(&self, [angles, a, b, c]: [u32; 4]) -> u32 {
+        let bits =
+            count_bits(a ^ self.signature[0]) + count_bits(b ^ self.signature[1]) + count_bits(c ^ self.signature[2]);
+        let bits = (bits & NIBBLE) + (bits >> 4 & NIBBLE);
+        // A byte has its highest bit set where `least + v`, and `most - v`, say that v is in
+        // the range; none carries into the next.
+        let [[s_least, s_most], [l_least, l_most]] = self.ranges;
+        let (s, l) = (angles & NIBBLE, angles >> 4 & NIBBLE);
+        let in_range = (s_least + s) & (s_most - s) & (l_least + l) & (l_most - l);
+        (self.most_bits - bits) & in_range & HIGH
+    }
+}
+
+/// [`Pattern::alike`] of many keys. Not inlined: then the compiler makes vectors of it.
+#[cfg_attr(feature = "dispatch", multiversion::multiversion(targets("x86_64+avx2")))]
+#[inline(never)]
+fn alike(pattern: &Pattern, keys: [&[u8; BLOCK]; 4], out: &mut [u32; BLOCK / 4]) {
+    let pattern = *pattern;
+    for (i, out) in out.iter_mut().enumerate() {
+        *out = pattern.alike(keys.map(|k| word(k, i)));
+    }
+}
+
 struct Search<'a> {
     keys: Keys<'a>,
     features: &'a [u8],
     feature: &'a [u8],
-    /// Each byte of the signature, four times.
     signature: [u32; 3],
-    /// 0x80 and the bits that may differ, in each byte.
     most_bits: u32,
     /// Sizes that are looked at, both included.
     sizes: [u8; 2],
@@ -155,13 +194,29 @@ impl Search<'_> {
             end = start + sizes.partition_point(|&s| s <= self.sizes[1]);
             start += sizes.partition_point(|&s| s < self.sizes[0]);
         }
-        let ranges = [second, largest].map(|[from, to]| [in_each_byte(0x80 - from), in_each_byte(0x80 + to)]);
+        let pattern = Pattern {
+            signature: self.signature,
+            most_bits: self.most_bits,
+            ranges: [second, largest].map(|[from, to]| [in_each_byte(0x80 - from), in_each_byte(0x80 + to)]),
+        };
         let Keys { angles, signatures: [a, b, c], .. } = self.keys;
-        let planes = [angles, a, b, c].map(|p| p[start..].as_chunks());
+        let planes = [angles, a, b, c];
+        if VECTORS {
+            let [angles, a, b, c] = planes.map(|p| p[start..].as_chunks().0.iter());
+            for (((angles, a), b), c) in angles.zip(a).zip(b).zip(c).take((end - start) / BLOCK) {
+                let mut words = [0; BLOCK / 4];
+                alike(&pattern, [angles, a, b, c], &mut words);
+                for words in words.as_chunks().0 {
+                    self.take(start, end, words);
+                    start += KEYS;
+                }
+            }
+        }
+        let planes = planes.map(|p| p[start..].as_chunks());
         let [angles, a, b, c] = planes.map(|(groups, _)| groups.iter());
         let mut at = start;
         for (((angles, a), b), c) in angles.zip(a).zip(b).zip(c).take((end - start).div_ceil(KEYS)) {
-            self.look(at, end, &ranges, [angles, a, b, c]);
+            self.look(at, end, &pattern, [angles, a, b, c]);
             at += KEYS;
         }
         // Where the planes end.
@@ -170,30 +225,25 @@ impl Search<'_> {
             for (last, (_, rest)) in last.iter_mut().zip(planes) {
                 last[..rest.len()].copy_from_slice(rest);
             }
-            self.look(at, end, &ranges, last.each_ref());
+            self.look(at, end, &pattern, last.each_ref());
         }
     }
 
     /// Looks at the keys from `at` on, those before `end`: their angles and the parts of their
     /// signatures.
     #[inline(always)]
-    fn look(&mut self, at: usize, end: usize, ranges: &[[u32; 2]; 2], [angles, a, b, c]: [&[u8; KEYS]; 4]) {
-        let alike: [u32; WORDS] = core::array::from_fn(|i| {
-            let bits = count_bits(word(a, i) ^ self.signature[0])
-                + count_bits(word(b, i) ^ self.signature[1])
-                + count_bits(word(c, i) ^ self.signature[2]);
-            let bits = (bits & NIBBLE) + (bits >> 4 & NIBBLE);
-            // A byte has its highest bit set where `least + v`, and `most - v`, say that v is in
-            // the range; none carries into the next.
-            let [[s_least, s_most], [l_least, l_most]] = ranges;
-            let (s, l) = (word(angles, i) & NIBBLE, word(angles, i) >> 4 & NIBBLE);
-            let in_range = (s_least + s) & (s_most - s) & (l_least + l) & (l_most - l);
-            (self.most_bits - bits) & in_range & HIGH
-        });
-        if alike.iter().fold(0, |all, word| all | word) == 0 {
+    fn look(&mut self, at: usize, end: usize, pattern: &Pattern, keys: [&[u8; KEYS]; 4]) {
+        let words: [u32; WORDS] = core::array::from_fn(|i| pattern.alike(keys.map(|k| word(k, i))));
+        self.take(at, end, &words);
+    }
+
+    /// Takes those of the keys from `at` on, those before `end`, that are alike, and of a size.
+    #[inline(always)]
+    fn take(&mut self, at: usize, end: usize, words: &[u32; WORDS]) {
+        if words.iter().fold(0, |all, word| all | word) == 0 {
             return;
         }
-        for (i, word) in alike.into_iter().enumerate() {
+        for (i, &word) in words.iter().enumerate() {
             let mut left = word;
             while left != 0 {
                 let key = at + 4 * i + (left.trailing_zeros() / 8) as usize;

@@ -335,7 +335,7 @@ this version:
 `KEYGRAPH_WRITE=1 cargo test -p keygraph-tests --test fits_on`, or `scripts/board --renew`,
 which measures anew before. Instructions are those of four frames that show the object
 whole, from the side, small, and not at all (`compact`; with vectors `large`), harder ones
-than most: the median of 144 others is 15.8 M with qvga
+than most: the median of 144 others is 15.9 M with qvga
 ([decision 0012](decisions/0012-sixteen-million.md)). Those of hd are computed from those
 of vga, as its pixels are three times as many.
 
