@@ -67,8 +67,11 @@ pub fn classify(model: &Model<'_>, tier: Tier, k: &Keygraph, feature: &Feature, 
         keys: model.keys(),
         features: model.features(),
         feature,
-        signature: [a, b, c].map(in_each_byte),
-        most_bits: in_each_byte(0x80 + rule.max_bits),
+        pattern: Pattern {
+            signature: [a, b, c].map(in_each_byte),
+            most_bits: in_each_byte(0x80 + rule.max_bits),
+            ranges: [[0; 2]; 2],
+        },
         sizes: [size.saturating_sub(rule.size_window), size.saturating_add(rule.size_window)],
         limit: u32::try_from(bytes).unwrap_or(0) * u32::from(rule.max_distance) / 16 + 1,
         best: [None; NEIGHBOURS],
@@ -170,8 +173,8 @@ struct Search<'a> {
     keys: Keys<'a>,
     features: &'a [u8],
     feature: &'a [u8],
-    signature: [u32; 3],
-    most_bits: u32,
+    /// But for the angles, which differ from subset to subset.
+    pattern: Pattern,
     /// Sizes that are looked at, both included.
     sizes: [u8; 2],
     /// Only distances below this are of interest.
@@ -195,9 +198,8 @@ impl Search<'_> {
             start += sizes.partition_point(|&s| s < self.sizes[0]);
         }
         let pattern = Pattern {
-            signature: self.signature,
-            most_bits: self.most_bits,
             ranges: [second, largest].map(|[from, to]| [in_each_byte(0x80 - from), in_each_byte(0x80 + to)]),
+            ..self.pattern
         };
         let Keys { angles, signatures: [a, b, c], .. } = self.keys;
         let planes = [angles, a, b, c];
