@@ -615,6 +615,7 @@ mod tests {
     }
 
     #[test]
+    #[cfg_attr(miri, ignore = "learns, and searches whole frames: hours")]
     fn what_moves_is_found_once_and_then_followed() {
         let mut run = Run::new();
         let mut searched = 0;
@@ -632,6 +633,7 @@ mod tests {
     }
 
     #[test]
+    #[cfg_attr(miri, ignore = "learns, and searches whole frames: hours")]
     fn what_goes_is_lost_at_once_and_forgotten_after_a_while() {
         let mut run = Run::new();
         let _ = run.step(&[[30.0, 20.0]]);
@@ -644,6 +646,7 @@ mod tests {
     }
 
     #[test]
+    #[cfg_attr(miri, ignore = "learns, and searches whole frames: hours")]
     fn what_comes_back_elsewhere_keeps_its_id() {
         let mut run = Run::new();
         let _ = run.step(&[[5.0, 5.0]]);
@@ -654,6 +657,7 @@ mod tests {
     }
 
     #[test]
+    #[cfg_attr(miri, ignore = "learns, and searches whole frames: hours")]
     fn what_suddenly_looks_less_alike_is_searched_once() {
         let mut run = Run::new();
         let searched = [covered(H), covered(H), covered(60), covered(60)].map(|bytes| {
@@ -665,6 +669,7 @@ mod tests {
     }
 
     #[test]
+    #[cfg_attr(miri, ignore = "learns, and searches whole frames: hours")]
     fn a_frame_is_searched_when_that_is_asked_for() {
         let mut run = Run::new();
         let _ = run.step(&[[5.0, 5.0]]);
@@ -674,6 +679,7 @@ mod tests {
     }
 
     #[test]
+    #[cfg_attr(miri, ignore = "learns, and searches whole frames: hours")]
     fn what_would_not_appear_may_stay() {
         // Between the scores of the object mostly hidden and of all of it.
         let score = |bytes: &[u8]| Run::new().look(bytes, 0.1)[0].detection.score;
@@ -690,6 +696,7 @@ mod tests {
     }
 
     #[test]
+    #[cfg_attr(miri, ignore = "learns, and searches whole frames: hours")]
     fn a_frame_that_is_too_large_changes_nothing() {
         let mut run = Run::new();
         let _ = run.step(&[[5.0, 5.0]]);
