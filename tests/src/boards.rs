@@ -252,13 +252,12 @@ fn rate(millions: f64, mhz: usize) -> String {
 /// Million instructions of a profile: those of hd follow from those of vga, as the pixels are
 /// more.
 fn instructions(profile: usize) -> (f64, &'static str) {
-    let pixels = |i: usize| PROFILES[i].frame.0 * PROFILES[i].frame.1;
-    #[allow(clippy::cast_precision_loss, reason = "a ratio of small numbers")]
-    let larger = |last: usize| pixels(profile) as f64 / pixels(last) as f64;
-    match MEASURED.instructions.get(profile) {
-        Some(&millions) => (millions, "measured"),
-        None => (MEASURED.instructions[2] * larger(2), "computed"),
+    if let Some(&millions) = MEASURED.instructions.get(profile) {
+        return (millions, "measured");
     }
+    #[allow(clippy::cast_precision_loss, reason = "pixels of a frame")]
+    let [pixels, vga] = [profile, 2].map(|i| (PROFILES[i].frame.0 * PROFILES[i].frame.1) as f64);
+    (MEASURED.instructions[2] * (pixels / vga), "computed")
 }
 
 /// The whole of `docs/fits-on.md`.
