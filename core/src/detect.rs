@@ -680,10 +680,10 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
     fn find_matches(&mut self, model: &Model<'_>, tier: Tier, chunk: Range<usize>) {
         let rules = model.method().parameters();
         let mut matching = rules.matching;
-        if let (None, Some(lists)) = (tier.object(), &rules.lists)
+        if let (Some(list), Some(lists)) = (tier.list(), &rules.lists)
             && model.objects() > lists.few
         {
-            matching.max_bits = lists.max_bits;
+            matching.max_bits = lists.shares[list].max_bits;
         }
         self.matches.clear();
         let seen = count(chunk.len());

@@ -39,10 +39,8 @@ pub struct Lists {
     pub shares: [Share; 2],
     /// Up to so many objects are all looked for to the end.
     pub few: usize,
-    /// Of more, once one has been found, those that have a candidate of this weight;
+    /// Of more, once one has been found, those that have a candidate of this weight.
     pub doubt: u32,
-    /// and this takes the place of [`MatchRule::max_bits`]: reading features is what takes time.
-    pub max_bits: u8,
     /// How much better the odds of a score are to be than those of the threshold, for each object
     /// of the model. A score is the probability that a detection is right where one is looked
     /// for; with many there is more to be wrong about.
@@ -56,6 +54,9 @@ pub struct Share {
     pub of_each: usize,
     /// Most of all objects together.
     pub of_all: usize,
+    /// With more than [`Lists::few`] objects this takes the place of [`MatchRule::max_bits`]:
+    /// reading features is what takes time.
+    pub max_bits: u8,
 }
 
 /// Everything that a method fixes about the search of a frame.
@@ -106,10 +107,12 @@ const KEYGRAPH: Parameters = Parameters {
     first_pass: Sure { weight: 12, score: 0.99, heavy: 100, support: 16.0 },
     doubt: [12, 24],
     lists: Some(Lists {
-        shares: [Share { of_each: 704, of_all: 384 << 10 }, Share { of_each: 6144, of_all: 600 << 10 }],
+        shares: [
+            Share { of_each: 704, of_all: 384 << 10, max_bits: 3 },
+            Share { of_each: 6144, of_all: 6144 << 10, max_bits: 4 },
+        ],
         few: 16,
         doubt: 20,
-        max_bits: 4,
         odds: 0.25,
     }),
     matching: MatchRule {

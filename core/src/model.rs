@@ -182,6 +182,16 @@ impl Tier {
             Self::First(object) | Self::Second(object) => Some(object),
         }
     }
+
+    /// Which list of all objects it is.
+    #[must_use]
+    pub const fn list(self) -> Option<usize> {
+        match self {
+            Self::Shortlist => Some(0),
+            Self::Longlist => Some(1),
+            Self::First(_) | Self::Second(_) => None,
+        }
+    }
 }
 
 /// Which tiers a model has.

@@ -182,7 +182,7 @@ fn assert_lists(merged: &Model<'_>) {
     let share = |each: usize, all: usize| each.min(all / merged.objects());
     for [short, long, own] in counts {
         let first = share(704, 384 << 10).min(own);
-        assert_eq!([short, long], [first, share(6144, 600 << 10).min(own - first)], "of {own} keygraphs");
+        assert_eq!([short, long], [first, share(6144, 6144 << 10).min(own - first)], "of {own} keygraphs");
     }
 }
 
