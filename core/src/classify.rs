@@ -159,13 +159,16 @@ impl Pattern {
     }
 }
 
-/// [`Pattern::alike`] of many keys. Not inlined: then the compiler makes vectors of it.
+/// Which of many keys are [`Pattern::alike`], a bit for each, four in a byte.
+/// Not inlined: then the compiler makes vectors of it.
 #[cfg_attr(feature = "dispatch", multiversion::multiversion(targets("x86_64+avx2")))]
 #[inline(never)]
-fn alike(pattern: &Pattern, keys: [&[u8; BLOCK]; 4], out: &mut [u32; BLOCK / 4]) {
+fn alike(pattern: &Pattern, keys: [&[u8; BLOCK]; 4], out: &mut [u8; BLOCK / 4]) {
     let pattern = *pattern;
     for (i, out) in out.iter_mut().enumerate() {
-        *out = pattern.alike(keys.map(|k| word(k, i)));
+        let bits = pattern.alike(keys.map(|k| word(k, i))) >> 7;
+        // The lowest bits of its bytes, side by side.
+        *out = ((bits | bits >> 7 | bits >> 14 | bits >> 21) & 15) as u8;
     }
 }
 
@@ -206,11 +209,17 @@ impl Search<'_> {
         if VECTORS {
             let [angles, a, b, c] = planes.map(|p| p[start..].as_chunks().0.iter());
             for (((angles, a), b), c) in angles.zip(a).zip(b).zip(c).take((end - start) / BLOCK) {
-                let mut words = [0; BLOCK / 4];
-                alike(&pattern, [angles, a, b, c], &mut words);
-                for words in words.as_chunks().0 {
-                    self.take(start, end, words);
-                    start += KEYS;
+                let mut nibbles = [0; BLOCK / 4];
+                alike(&pattern, [angles, a, b, c], &mut nibbles);
+                for eight in nibbles.as_chunks().0 {
+                    let mut left = u64::from_le_bytes(*eight);
+                    while left != 0 {
+                        let bit = left.trailing_zeros() as usize;
+                        left &= left - 1;
+                        // Four in each byte. All of them are of a size: the subset is a large one.
+                        self.wait(start + bit / 8 * 4 + bit % 8);
+                    }
+                    start += 32;
                 }
             }
         }
@@ -232,16 +241,10 @@ impl Search<'_> {
     }
 
     /// Looks at the keys from `at` on, those before `end`: their angles and the parts of their
-    /// signatures.
+    /// signatures. Those that are alike, and of a size, wait.
     #[inline(always)]
     fn look(&mut self, at: usize, end: usize, pattern: &Pattern, keys: [&[u8; KEYS]; 4]) {
         let words: [u32; WORDS] = core::array::from_fn(|i| pattern.alike(keys.map(|k| word(k, i))));
-        self.take(at, end, &words);
-    }
-
-    /// Takes those of the keys from `at` on, those before `end`, that are alike, and of a size.
-    #[inline(always)]
-    fn take(&mut self, at: usize, end: usize, words: &[u32; WORDS]) {
         if words.iter().fold(0, |all, word| all | word) == 0 {
             return;
         }
@@ -251,18 +254,18 @@ impl Search<'_> {
                 let key = at + 4 * i + (left.trailing_zeros() / 8) as usize;
                 left &= left - 1;
                 if key < end && (self.sizes[0]..=self.sizes[1]).contains(&self.keys.sizes[key]) {
-                    self.wait(u32::try_from(key).unwrap_or(u32::MAX));
+                    self.wait(key);
                 }
             }
         }
     }
 
-    fn wait(&mut self, keygraph: u32) {
+    fn wait(&mut self, key: usize) {
         if self.waiting.is_full() {
             self.compare();
         }
         // It fits: there is room now.
-        let _ = self.waiting.push(keygraph);
+        let _ = self.waiting.push(u32::try_from(key).unwrap_or(u32::MAX));
     }
 
     /// Compares the features of those that wait.
