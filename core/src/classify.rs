@@ -211,7 +211,7 @@ impl Search<'_> {
             for (((angles, a), b), c) in angles.zip(a).zip(b).zip(c).take((end - start) / BLOCK) {
                 let mut nibbles = [0; BLOCK / 4];
                 alike(&pattern, [angles, a, b, c], &mut nibbles);
-                for eight in nibbles.as_chunks().0 {
+                for eight in nibbles.as_chunks::<8>().0 {
                     let mut left = u64::from_le_bytes(*eight);
                     while left != 0 {
                         let bit = left.trailing_zeros() as usize;
@@ -219,7 +219,7 @@ impl Search<'_> {
                         // Four in each byte. All of them are of a size: the subset is a large one.
                         self.wait(start + bit / 8 * 4 + bit % 8);
                     }
-                    start += 32;
+                    start += 4 * eight.len();
                 }
             }
         }
