@@ -5,18 +5,18 @@
 //! that the tolerance touches is looked at (the paper looks at one); a subset is
 //! sorted by size, so that only triangles of about the right size are read; of
 //! these, the angles and the bits of the signature are compared, four keys in a
-//! machine word, which throws out 49 of 50; then features; a comparison ends as soon as
-//! it cannot win.
+//! machine word, which throws out 49 of 50; then, in the lists of many objects, sketches, which
+//! leave one in three; then features; a comparison ends as soon as it cannot win.
 //!
 //! Memory: [`Match`], 8 bytes. Cost: 12 operations a key that is read; the heart of the
 //! detector.
 
 use heapless::Vec;
 
-use crate::feature::{Feature, signature};
+use crate::feature::{Feature, signature, sketch};
 use crate::keygraph::{BIN, Keygraph, LARGEST_BINS, SECOND_BINS, cell_of};
 use crate::math::VECTORS;
-use crate::model::{Keys, Model, Tier};
+use crate::model::{Keys, Model, SKETCH, Tier};
 
 /// What counts as a match.
 #[derive(Clone, Copy, Debug)]
@@ -33,6 +33,8 @@ pub struct MatchRule {
     pub size_window: u8,
     /// Most of the 24 bits of the signature that may differ.
     pub max_bits: u8,
+    /// Most of the 64 bits of the sketch that may differ, where there are sketches.
+    pub max_marks: u8,
     /// Most that a feature byte may differ on average, 1/16.
     pub max_distance: u16,
     /// Whether only the subset that the key falls into is searched, and the
@@ -63,10 +65,14 @@ pub fn classify(model: &Model<'_>, tier: Tier, k: &Keygraph, feature: &Feature, 
     let bytes = model.feature_bytes();
     let feature = &feature[..bytes];
     let [a, b, c, _] = signature(feature).to_le_bytes();
+    let sketches: &[_] = if tier.list().is_some() { model.sketches() } else { &[] };
     let mut search = Search {
         keys: model.keys(),
         features: model.features(),
         feature,
+        sketches,
+        sketch: if sketches.is_empty() { 0 } else { sketch(feature) },
+        max_marks: rule.max_marks.into(),
         pattern: Pattern {
             signature: [a, b, c].map(in_each_byte),
             most_bits: in_each_byte(0x80 + rule.max_bits),
@@ -112,7 +118,7 @@ const HIGH: u32 = 0x8080_8080;
 const NIBBLE: u32 = 0x0f0f_0f0f;
 
 /// Keygraphs whose features are compared together, and the bytes at which that is done.
-const WAITING: usize = 16;
+const WAITING: usize = if VECTORS { 64 } else { 16 };
 const HEAD: usize = 16;
 
 const fn in_each_byte(v: u8) -> u32 {
@@ -176,6 +182,11 @@ struct Search<'a> {
     keys: Keys<'a>,
     features: &'a [u8],
     feature: &'a [u8],
+    /// Those of the first of the keygraphs, or none.
+    sketches: &'a [[u8; SKETCH]],
+    sketch: u64,
+    /// Bits of the sketch that may differ.
+    max_marks: u32,
     /// But for the angles, which differ from subset to subset.
     pattern: Pattern,
     /// Sizes that are looked at, both included.
@@ -268,8 +279,24 @@ impl Search<'_> {
         let _ = self.waiting.push(u32::try_from(key).unwrap_or(u32::MAX));
     }
 
+    /// Forgets those that wait whose sketches differ too much. All are read before it is known
+    /// which: they lie far apart.
+    fn sift(&mut self) {
+        let mut alike = 0;
+        for i in 0..self.waiting.len() {
+            let key = self.waiting[i];
+            let differ = u64::from_le_bytes(self.sketches[key as usize]) ^ self.sketch;
+            self.waiting[alike] = key;
+            alike += usize::from(differ.count_ones() <= self.max_marks);
+        }
+        self.waiting.truncate(alike);
+    }
+
     /// Compares the features of those that wait.
     fn compare(&mut self) {
+        if !self.sketches.is_empty() {
+            self.sift();
+        }
         let n = self.feature.len();
         let features = self.features;
         let feature = |keygraph: u32| &features[n * keygraph as usize..][..n];

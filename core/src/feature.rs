@@ -165,6 +165,19 @@ pub fn signature(feature: &[u8]) -> u32 {
     feature.iter().take(24).fold(0, |bits, &v| bits << 1 | u32::from(v > ZERO))
 }
 
+/// How far from zero a byte counts in a [`sketch`].
+const HALF_SPREAD: u8 = 20;
+
+/// Which of the last 32 bytes of a feature lie half a spread above zero (the low 32 bits, the
+/// last byte the lowest), and which below. Sketches of features that are near each other
+/// differ in few bits.
+#[must_use]
+pub fn sketch(feature: &[u8]) -> u64 {
+    let last = &feature[feature.len().saturating_sub(32)..];
+    let bits = |is_set: fn(u8) -> bool| last.iter().fold(0, |bits, &v| bits << 1 | u64::from(is_set(v)));
+    bits(|v| v < ZERO - HALF_SPREAD) << 32 | bits(|v| v > ZERO + HALF_SPREAD)
+}
+
 /// An affine frame on a triangle, in px of the level that is sampled.
 struct Patch {
     /// That level of luma; chroma of the level below has the same px.
@@ -423,6 +436,17 @@ mod tests {
         let [a, b, c] = here.map(|p| at(there(p)));
         let other = feature(&texture(back), [b, c, a], Sampling::Patch);
         assert!(mean(&other) > 20, "{f:?}\n{other:?}");
+    }
+
+    #[test]
+    fn a_sketch_has_two_bits_for_each_of_the_last_32_bytes() {
+        let mut feature = [ZERO; 36];
+        feature[..4].fill(255);
+        assert_eq!(sketch(&feature), 0);
+        (feature[4], feature[5]) = (149, 107);
+        (feature[34], feature[35]) = (108, 148);
+        assert_eq!(sketch(&feature), 1 << 31 | 1 << 62);
+        assert_eq!(sketch(&feature[..12]), 0xf << 8 | 1 << 7 | 1 << 38);
     }
 
     #[test]

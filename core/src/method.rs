@@ -57,6 +57,8 @@ pub struct Share {
     /// With more than [`Lists::few`] objects this takes the place of [`MatchRule::max_bits`]:
     /// reading features is what takes time.
     pub max_bits: u8,
+    /// Likewise of [`MatchRule::max_marks`].
+    pub max_marks: u8,
 }
 
 /// Everything that a method fixes about the search of a frame.
@@ -108,8 +110,8 @@ const KEYGRAPH: Parameters = Parameters {
     doubt: [12, 24],
     lists: Some(Lists {
         shares: [
-            Share { of_each: 704, of_all: 384 << 10, max_bits: 3 },
-            Share { of_each: 6144, of_all: 6144 << 10, max_bits: 4 },
+            Share { of_each: 704, of_all: 384 << 10, max_bits: 3, max_marks: 16 },
+            Share { of_each: 6144, of_all: 6144 << 10, max_bits: 4, max_marks: 16 },
         ],
         few: 16,
         doubt: 20,
@@ -120,6 +122,7 @@ const KEYGRAPH: Parameters = Parameters {
         tolerance_px: 60,
         size_window: 12,
         max_bits: 6,
+        max_marks: 18,
         max_distance: 16 * 24,
         one_cell: false,
     },
@@ -146,6 +149,7 @@ const PAPER: Parameters = Parameters {
         tolerance_px: 0,
         size_window: u8::MAX,
         max_bits: 24,
+        max_marks: 64,
         max_distance: 16 * 255,
         one_cell: true,
     },

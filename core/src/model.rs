@@ -16,13 +16,13 @@ use crate::pyramid::{Plane, level_of, plane_bytes};
 /// First bytes of every model.
 pub const MAGIC: [u8; 4] = *b"KGM\x1a";
 /// The version that this library writes and reads.
-pub const VERSION: u16 = 5;
+pub const VERSION: u16 = 6;
 /// Longest name of an object, bytes of UTF-8.
 pub const NAME_BYTES: usize = 32;
 /// Longest side of a training picture, px.
 pub const MAX_PICTURE_SIDE: u32 = 1 << 20;
 
-pub(crate) const HEADER: usize = 40;
+pub(crate) const HEADER: usize = 44;
 /// Where the checksummed part starts.
 pub(crate) const CHECKED: usize = 16;
 pub(crate) const OBJECT: usize = 56;
@@ -31,6 +31,8 @@ pub(crate) const KEYPOINT: usize = 4;
 /// Bytes of a keygraph's key: one in each plane of [`Keys`].
 pub(crate) const KEY: usize = 5;
 pub(crate) const VERTICES: usize = 5;
+/// Bytes of a [`crate::feature::sketch`].
+pub const SKETCH: usize = 8;
 
 /// How the keygraphs were made, and so how frames are searched.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -227,6 +229,9 @@ impl Tiers {
     }
 }
 
+/// Objects, views, keypoints, keygraphs, bytes of templates, keygraphs of the lists.
+pub(crate) type Counts = [usize; 6];
+
 /// Where the sections of a model lie; all follow from the counts.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Layout {
@@ -237,6 +242,7 @@ pub(crate) struct Layout {
     pub keys: usize,
     pub vertices: usize,
     pub features: usize,
+    pub sketches: usize,
     pub templates: usize,
     pub end: usize,
 }
@@ -244,7 +250,7 @@ pub(crate) struct Layout {
 impl Layout {
     /// `None` when the sum does not fit `usize`.
     pub(crate) fn new(
-        [objects, views, keypoints, keygraphs, templates]: [usize; 5],
+        [objects, views, keypoints, keygraphs, templates, listed]: Counts,
         tiers: Tiers,
         feature_bytes: usize,
     ) -> Option<Self> {
@@ -256,11 +262,23 @@ impl Layout {
         let keys = after(after(c, 4 * CELLS, tiers.count(objects))?, 4, 1)?;
         let vertices = after(keys, keygraphs, KEY)?;
         let features = after(vertices, keygraphs, VERTICES)?;
-        let t = after(features, keygraphs, feature_bytes)?;
+        let sketches = after(features, keygraphs, feature_bytes)?;
+        let t = after(sketches, listed, SKETCH)?;
         let end = after(t, templates, 1)?;
         // Lengths and offsets are stored in 32 bits.
         u32::try_from(end).ok()?;
-        Some(Self { objects: o, views: v, keypoints: k, cells: c, keys, vertices, features, templates: t, end })
+        Some(Self {
+            objects: o,
+            views: v,
+            keypoints: k,
+            cells: c,
+            keys,
+            vertices,
+            features,
+            sketches,
+            templates: t,
+            end,
+        })
     }
 
     /// Where the parts of a keygraph start, and how many bytes of each it has: the key's
@@ -406,7 +424,7 @@ pub struct Model<'a> {
     method: Method,
     feature: FeatureKind,
     tiers: Tiers,
-    counts: [usize; 5],
+    counts: Counts,
 }
 
 impl<'a> Model<'a> {
@@ -449,7 +467,7 @@ impl<'a> Model<'a> {
             3 => FeatureKind::Both,
             _ => return Err(wrong("feature kind")),
         };
-        let counts = [20, 24, 28, 32, 36].map(|i| size_at(bytes, i));
+        let counts = [20, 24, 28, 32, 36, 40].map(|i| size_at(bytes, i));
         let tiers = Tiers::from_bits(u16_at(bytes, 18)).ok_or(wrong("tiers"))?;
         let layout = Layout::new(counts, tiers, method.sampling().bytes(feature)).ok_or(wrong("counts"))?;
         if usize::from(u16_at(bytes, 6)) != HEADER || layout.end != given {
@@ -461,9 +479,10 @@ impl<'a> Model<'a> {
 
     /// The first section that contradicts the others.
     fn check(&self) -> Option<&'static str> {
-        let [objects, views, keypoints, keygraphs, templates] = self.counts;
+        let [objects, views, keypoints, keygraphs, templates, listed] = self.counts;
         let limit = usize::from(u16::MAX);
-        if objects == 0 || objects > limit || views > limit {
+        let end_of_lists = if self.tiers.lists { self.tier(Tier::Longlist).end } else { 0 };
+        if objects == 0 || objects > limit || views > limit || listed != end_of_lists {
             return Some("counts");
         }
         for i in 0..objects {
@@ -577,7 +596,7 @@ impl<'a> Model<'a> {
         self.counts[3]
     }
 
-    pub(crate) const fn counts(&self) -> [usize; 5] {
+    pub(crate) const fn counts(&self) -> Counts {
         self.counts
     }
 
@@ -705,7 +724,13 @@ impl<'a> Model<'a> {
     /// Features, [`Model::feature_bytes`] each.
     #[must_use]
     pub fn features(&self) -> &'a [u8] {
-        &self.bytes[self.layout.features..self.layout.templates]
+        &self.bytes[self.layout.features..self.layout.sketches]
+    }
+
+    /// The [`crate::feature::sketch`]es of the keygraphs of the lists, little endian.
+    #[must_use]
+    pub fn sketches(&self) -> &'a [[u8; SKETCH]] {
+        self.bytes[self.layout.sketches..self.layout.templates].as_chunks().0
     }
 
     /// Subsets that hold at least one keygraph of any tier, and the size of the largest.

@@ -256,7 +256,7 @@ impl<const LUMA: usize, const CHROMA: usize, const SIDE: usize, const CORNERS: u
         }
 
         let (tw, th) = template_size(picture.width(), picture.height());
-        let counts = |keygraphs| [1, views, keypoints, keygraphs, template_bytes(tw, th)];
+        let counts = |keygraphs| [1, views, keypoints, keygraphs, template_bytes(tw, th), 0];
         let sampling = params.method.sampling();
         let feature_bytes = sampling.bytes(params.feature);
         let no_room = |needed| TrainError::NoRoom { needed, given: out.len() };

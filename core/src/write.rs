@@ -2,17 +2,18 @@
 //!
 //! In: models, or records already at their place. Out: the bytes of one model in
 //! the caller's buffer, subsets sorted, checksum set. [`pack`] merges many models
-//! into one: lists of the likeliest keygraphs of all objects, and their tiers side by side.
+//! into one: lists of the likeliest keygraphs of all objects, with a sketch of each, and their
+//! tiers side by side.
 //!
 //! Memory: 7 KB of stack for [`pack`]. Cost: a pass over the bytes, a heap sort of every
 //! subset of the lists, and four passes over the keygraphs to tell the likeliest (some 40 ms
 //! an object).
 
-use crate::feature::FeatureKind;
+use crate::feature::{FeatureKind, sketch};
 use crate::keygraph::{BIN, CELLS, COSTS, Key, MAX_COST};
 use crate::model::{
-    CHECKED, HEADER, KEY, KEYPOINT, Layout, MAGIC, Method, Model, OBJECT, Tier, Tiers, VERSION, VERTICES, VIEW, crc32,
-    u16_at, u32_at,
+    CHECKED, Counts, HEADER, KEY, KEYPOINT, Layout, MAGIC, Method, Model, OBJECT, SKETCH, Tier, Tiers, VERSION,
+    VERTICES, VIEW, crc32, u16_at, u32_at,
 };
 
 /// Why models cannot be packed into one.
@@ -57,20 +58,21 @@ impl core::fmt::Display for PackError {
 impl core::error::Error for PackError {}
 
 /// Sums of the counts of `models`, once they are known to go together.
-fn merged(models: &[Model<'_>]) -> Result<([usize; 5], Tiers), PackError> {
+fn merged(models: &[Model<'_>]) -> Result<(Counts, Tiers), PackError> {
     let first = models.first().ok_or(PackError::Nothing)?;
     let alike = |m: &Model<'_>| m.method() == first.method() && m.feature() == first.feature();
     if let Some(index) = models.iter().position(|m| !alike(m)) {
         return Err(PackError::Different { index });
     }
-    let mut counts: [usize; 5] = core::array::from_fn(|i| models.iter().map(|m| m.counts()[i]).sum());
+    let mut counts: Counts = core::array::from_fn(|i| models.iter().map(|m| m.counts()[i]).sum());
     counts[3] = each_object(models).map(|(m, object, _)| own_keygraphs(m, object).count()).sum();
     let lists = first.method().parameters().lists.is_some() && counts[0] > 1;
+    // They are made anew.
+    counts[5] = 0;
     if lists {
-        // They are made anew.
         let n = counts[0];
-        counts[3] +=
-            each_object(models).map(|(m, object, _)| shares(m, object, n).iter().sum::<usize>()).sum::<usize>();
+        counts[5] = each_object(models).map(|(m, object, _)| shares(m, object, n).iter().sum::<usize>()).sum();
+        counts[3] += counts[5];
     }
     let tiers = Tiers { lists, second: models.iter().any(Model::has_second_tiers) };
     let limit = usize::from(u16::MAX);
@@ -85,7 +87,7 @@ pub fn packed_len(models: &[Model<'_>]) -> Result<usize, PackError> {
     layout(models).map(|(.., l)| l.end)
 }
 
-fn layout(models: &[Model<'_>]) -> Result<([usize; 5], Tiers, Layout), PackError> {
+fn layout(models: &[Model<'_>]) -> Result<(Counts, Tiers, Layout), PackError> {
     let (counts, tiers) = merged(models)?;
     let bytes = models.first().map_or(0, |m| m.feature_bytes());
     Layout::new(counts, tiers, bytes).map(|l| (counts, tiers, l)).ok_or(PackError::TooMany)
@@ -203,6 +205,10 @@ fn write_lists(models: &[Model<'_>], objects: usize, out: &mut [u8], layout: &La
     for end in places.into_iter().flatten() {
         sort_cell(out, layout, feature_bytes, start..end);
         start = end;
+    }
+    let (features, rest) = out[layout.features..layout.templates].split_at_mut(layout.sketches - layout.features);
+    for (feature, to) in features.chunks_exact(feature_bytes).zip(rest.as_chunks_mut::<SKETCH>().0) {
+        *to = sketch(feature).to_le_bytes();
     }
 }
 
@@ -353,7 +359,7 @@ pub(crate) fn sort_cell(out: &mut [u8], layout: &Layout, feature_bytes: usize, r
 }
 
 /// Writes the header, and last the checksum over everything behind it.
-pub(crate) fn write_header(out: &mut [u8], method: Method, feature: FeatureKind, tiers: Tiers, counts: [usize; 5]) {
+pub(crate) fn write_header(out: &mut [u8], method: Method, feature: FeatureKind, tiers: Tiers, counts: Counts) {
     out[..4].copy_from_slice(&MAGIC);
     put_u16(out, 4, usize::from(VERSION));
     put_u16(out, 6, HEADER);

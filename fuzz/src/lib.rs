@@ -67,28 +67,33 @@ fn train(method: Method, feature: FeatureKind) -> Vec<u8> {
     let mut model = vec![0; 1 << 16];
     let trained = trainer().train(&frame, (128, 64), &params, &mut model).expect("the picture has texture");
     model.truncate(trained.bytes);
+    let mut mended = model.clone();
+    mend(&mut mended);
+    assert_eq!(mended, model, "mending leaves a whole model as it is");
     model
 }
 
 /// Makes magic, version, lengths and checksum right, and the bytes of templates what
 /// the other sections leave, so that the fuzzer's changes reach the checks behind.
 pub fn mend(model: &mut [u8]) {
-    if model.len() < 40 {
+    if model.len() < 44 {
         return;
     }
     model[..4].copy_from_slice(&MAGIC);
     model[4..6].copy_from_slice(&VERSION.to_le_bytes());
-    model[6..8].copy_from_slice(&40u16.to_le_bytes());
+    model[6..8].copy_from_slice(&44u16.to_le_bytes());
     let length = model.len() as u32;
     model[8..12].copy_from_slice(&length.to_le_bytes());
+    // No second tiers and no lists.
     model[18..20].fill(0);
+    model[40..44].fill(0);
     let count = |i: usize| u64::from(u32::from_le_bytes([0, 1, 2, 3].map(|k| model[20 + 4 * i + k])));
     let feature = match (model[16], model[17]) {
         (0, 1) | (1, 2) => 12,
         (0, 2) | (1, 1) => 24,
         _ => 36,
     };
-    let before = 40 + 56 * count(0) + 44 * count(1) + 4 * count(2) + 3460 + (6 + 5 + feature) * count(3);
+    let before = 44 + 56 * count(0) + 44 * count(1) + 4 * count(2) + 3460 + (5 + 5 + feature) * count(3);
     if let Some(templates) = (model.len() as u64).checked_sub(before) {
         model[36..40].copy_from_slice(&(templates as u32).to_le_bytes());
     }

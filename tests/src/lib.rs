@@ -103,6 +103,8 @@ pub struct Sections {
     pub vertices: usize,
     /// Features.
     pub features: usize,
+    /// Sketches.
+    pub sketches: usize,
     /// Templates.
     pub templates: usize,
     /// End of the model.
@@ -111,7 +113,7 @@ pub struct Sections {
 
 impl Sections {
     /// Header bytes.
-    pub const HEADER: usize = 40;
+    pub const HEADER: usize = 44;
     /// Bytes of an object record.
     pub const OBJECT: usize = 56;
     /// Bytes of a view record.
@@ -124,6 +126,8 @@ impl Sections {
     pub const KEY: usize = 5;
     /// Bytes of a vertex record.
     pub const VERTICES: usize = 5;
+    /// Bytes of a sketch.
+    pub const SKETCH: usize = 8;
 
     /// Reads the counts of `model`, which must have a whole header.
     ///
@@ -146,8 +150,10 @@ impl Sections {
         let keys = cells + 4 * (tiers * Self::CELLS + 1);
         let vertices = keys + Self::KEY * count(3);
         let features = vertices + Self::VERTICES * count(3);
-        let templates = features + feature_bytes * count(3);
-        Self { objects, views, keypoints, cells, keys, vertices, features, templates, end: templates + count(4) }
+        let sketches = features + feature_bytes * count(3);
+        let templates = sketches + Self::SKETCH * count(5);
+        let end = templates + count(4);
+        Self { objects, views, keypoints, cells, keys, vertices, features, sketches, templates, end }
     }
 }
 

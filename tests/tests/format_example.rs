@@ -71,18 +71,18 @@ fn the_example_parses() {
     assert!(Model::parse(&bytes).is_ok(), "{:?}", Model::parse(&bytes).err());
     assert_eq!(
         Model::parse(&bytes[..bytes.len() - 1]).unwrap_err(),
-        ModelError::Truncated { expected: 3773, given: 3772 }
+        ModelError::Truncated { expected: 3777, given: 3776 }
     );
 }
 
 #[test]
 fn the_header_and_counts_are_the_page_s() {
     let bytes = example();
-    assert_eq!((&bytes[..4], VERSION), (&MAGIC[..], 5));
+    assert_eq!((&bytes[..4], VERSION), (&MAGIC[..], 6));
     let model = Model::parse(&bytes).unwrap();
     assert_eq!((model.method(), model.feature()), (Method::Keygraph, FeatureKind::Luma));
     assert_eq!((model.objects(), model.views(), model.keypoints(), model.keygraphs()), (1, 1, 3, 1));
-    assert_eq!(model.bytes().len(), 3773);
+    assert_eq!(model.bytes().len(), 3777);
 }
 
 #[test]
@@ -144,6 +144,7 @@ fn the_tables_are_right() {
         ("keypoints", Sections::KEYPOINT),
         ("keys", Sections::KEY),
         ("vertices", Sections::VERTICES),
+        ("sketches", Sections::SKETCH),
     ] {
         let row = row(&format!("| [{section}]"));
         let told = row.split('|').nth(2).unwrap().split_whitespace().next().unwrap();
@@ -151,7 +152,7 @@ fn the_tables_are_right() {
     }
     assert_eq!(Sections::CELLS, CELLS);
     assert!(row("| [index]").contains(&format!("{} x tiers + 4", 4 * CELLS)));
-    assert_eq!(Sections::of(&example()).end, 3773);
+    assert_eq!(Sections::of(&example()).end, 3777);
     // The records' fields follow each other and fill the record.
     for (heading, length) in [
         ("## Header", Sections::HEADER),

@@ -179,6 +179,15 @@ fn assert_lists(merged: &Model<'_>) {
             }
         }
     }
+    let features: Vec<_> = merged.features().chunks(merged.feature_bytes()).collect();
+    assert_eq!(merged.sketches().len(), merged.tier(Tier::Longlist).end, "a sketch for each that is on a list");
+    for (i, (bytes, feature)) in merged.sketches().iter().zip(features).enumerate() {
+        // As the page on the format has it.
+        for (bit, &v) in feature.iter().rev().take(32).enumerate() {
+            let is_set = |bit: usize| bytes[bit / 8] >> (bit % 8) & 1 == 1;
+            assert_eq!([is_set(bit), is_set(32 + bit)], [v > 148, v < 108], "bit {bit} of sketch {i}");
+        }
+    }
     let share = |each: usize, all: usize| each.min(all / merged.objects());
     for [short, long, own] in counts {
         let first = share(704, 384 << 10).min(own);
