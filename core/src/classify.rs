@@ -153,8 +153,10 @@ impl Pattern {
     /// of each that is alike.
     #[inline(always)]
     const fn alike(&self, [angles, a, b, c]: [u32; 4]) -> u32 {
-        let bits =
-            count_bits(a ^ self.signature[0]) + count_bits(b ^ self.signature[1]) + count_bits(c ^ self.signature[2]);
+        let [a, b, c] = [a ^ self.signature[0], b ^ self.signature[1], c ^ self.signature[2]];
+        // Three bits of a place are added to one number of two.
+        let (ones, twos) = (a ^ b ^ c, a & b | (a ^ b) & c);
+        let bits = count_bits(ones) + 2 * count_bits(twos);
         let bits = (bits & NIBBLE) + (bits >> 4 & NIBBLE);
         // A byte has its highest bit set where `least + v`, and `most - v`, say that v is in
         // the range; none carries into the next.

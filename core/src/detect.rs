@@ -688,7 +688,8 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
         if let (Some(list), Some(lists)) = (tier.list(), &rules.lists)
             && model.objects() > lists.few
         {
-            matching.max_bits = lists.shares[list].max_bits;
+            let many = model.objects() > lists.many;
+            matching.max_bits = lists.shares[list].max_bits[usize::from(many)];
             matching.max_marks = lists.shares[list].max_marks;
         }
         self.matches.clear();

@@ -39,6 +39,8 @@ pub struct Lists {
     pub shares: [Share; 2],
     /// Up to so many objects are all looked for to the end.
     pub few: usize,
+    /// More than these are searched with less tolerance still.
+    pub many: usize,
     /// Of more, once one has been found, those that have a candidate of this weight.
     pub doubt: u32,
     /// How much better the odds of a score are to be than those of the threshold, for each object
@@ -54,10 +56,10 @@ pub struct Share {
     pub of_each: usize,
     /// Most of all objects together.
     pub of_all: usize,
-    /// With more than [`Lists::few`] objects this takes the place of [`MatchRule::max_bits`]:
-    /// reading features is what takes time.
-    pub max_bits: u8,
-    /// Likewise of [`MatchRule::max_marks`].
+    /// With more than [`Lists::few`] objects, and with more than [`Lists::many`], this takes the
+    /// place of [`MatchRule::max_bits`]: reading features is what takes time.
+    pub max_bits: [u8; 2],
+    /// Likewise of [`MatchRule::max_marks`], however many.
     pub max_marks: u8,
 }
 
@@ -110,10 +112,11 @@ const KEYGRAPH: Parameters = Parameters {
     doubt: [12, 24],
     lists: Some(Lists {
         shares: [
-            Share { of_each: 704, of_all: 384 << 10, max_bits: 3, max_marks: 16 },
-            Share { of_each: 6144, of_all: 6144 << 10, max_bits: 4, max_marks: 16 },
+            Share { of_each: 704, of_all: 384 << 10, max_bits: [3, 2], max_marks: 16 },
+            Share { of_each: 6144, of_all: 6144 << 10, max_bits: [4, 4], max_marks: 16 },
         ],
         few: 16,
+        many: 256,
         doubt: 20,
         odds: 0.25,
     }),
