@@ -664,11 +664,6 @@ impl<const LUMA: usize, const CHROMA: usize, const CORNERS: usize, const KEYGRAP
 
     #[inline(never)]
     fn extract_features(&mut self, model: &Model<'_>, first: usize, laps: &mut Laps<'_>) {
-        if model.has_lists() {
-            // Those that are compared with the same keygraphs, one after the other: of many
-            // objects, these are more than fit a cache.
-            sort_by_key(&mut self.keygraphs[first..], |k| (k.key.cell(), k.size, k.vertices));
-        }
         let view = self.pyramid.view();
         for (k, f) in self.keygraphs.iter().zip(&mut self.features).skip(first) {
             let points = k.vertices.map(|v| self.points[usize::from(v)]);

@@ -174,8 +174,10 @@ const HALF_SPREAD: u8 = 20;
 #[must_use]
 pub fn sketch(feature: &[u8]) -> u64 {
     let last = &feature[feature.len().saturating_sub(32)..];
-    let bits = |is_set: fn(u8) -> bool| last.iter().fold(0, |bits, &v| bits << 1 | u64::from(is_set(v)));
-    bits(|v| v < ZERO - HALF_SPREAD) << 32 | bits(|v| v > ZERO + HALF_SPREAD)
+    let (below, above) = last.iter().fold((0u32, 0u32), |(below, above), &v| {
+        (below << 1 | u32::from(v < ZERO - HALF_SPREAD), above << 1 | u32::from(v > ZERO + HALF_SPREAD))
+    });
+    u64::from(below) << 32 | u64::from(above)
 }
 
 /// An affine frame on a triangle, in px of the level that is sampled.
