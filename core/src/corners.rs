@@ -270,9 +270,18 @@ pub fn detect_corners(
             }
         };
         if VECTORS {
-            let peaks = &mut *raw[0];
-            find_peaks(around, peaks);
-            peaks_of(&peaks[..w - margin], margin).for_each(take);
+            for first in (margin..w - margin).step_by(STRIP) {
+                let mut peaks = [0; STRIP];
+                let end = (first + STRIP).min(w - margin);
+                find_peaks(around.map(|row| &row[first - 1..=end]), &mut peaks);
+                for (words, word) in peaks.as_chunks().0.iter().enumerate() {
+                    let mut word = u64::from_le_bytes(*word);
+                    while word != 0 {
+                        take(first + LANES * words + word.trailing_zeros() as usize / 8);
+                        word &= word - 1;
+                    }
+                }
+            }
         } else {
             let [left, here, right] = beside(around);
             let (mut x, end) = (margin - 1, w - 1 - margin);
@@ -296,18 +305,19 @@ pub fn detect_corners(
     stats
 }
 
-/// The strengths of the middle row where no neighbour exceeds them (of equals the first
-/// in reading order wins), else 0.
+/// Pixels of a row that are looked at for peaks together.
+const STRIP: usize = 16 * LANES;
+
+/// Whether no neighbour exceeds the strength of a pixel of the middle row (of equals the first
+/// in reading order wins), 1 or 0 for all but its first and last.
 #[cfg_attr(feature = "dispatch", multiversion::multiversion(targets("x86_64+avx2")))]
-fn find_peaks(around: [&[f32]; 3], out: &mut [f32]) {
+fn find_peaks(around: [&[f32]; 3], out: &mut [u8; STRIP]) {
     let [[t0, m0, l0], [t1, m1, l1], [t2, m2, l2]] = beside(around);
-    let n = m1.len();
-    let out = &mut out[1..][..n];
-    for i in 0..n {
+    for (i, out) in out.iter_mut().enumerate().take(m1.len()) {
         let v = m1[i];
         let before = max(max(t0[i], t1[i]), max(t2[i], m0[i]));
         let after = max(max(l0[i], l1[i]), max(l2[i], m2[i]));
-        out[i] = if (v > before) & (v >= after) { v } else { 0.0 };
+        *out = u8::from((v > before) & (v >= after));
     }
 }
 
@@ -323,13 +333,6 @@ fn thirds(rows: &mut [f32]) -> [&mut [f32]; 3] {
     let (a, rest) = rows.split_at_mut(rows.len() / 3);
     let (b, c) = rest.split_at_mut(a.len());
     [a, b, c]
-}
-
-/// The places from `first` on where a number is not 0; most are.
-fn peaks_of(row: &[f32], first: usize) -> impl Iterator<Item = usize> {
-    let chunks = row.get(first..).unwrap_or_default().chunks(LANES).enumerate();
-    let chunks = chunks.filter(|(_, c)| c.iter().fold(0, |bits, v| bits | v.to_bits()) != 0);
-    chunks.flat_map(move |(i, c)| (0..c.len()).filter(|&k| c[k] != 0.0).map(move |k| first + LANES * i + k))
 }
 
 /// A strength as corners have it.
