@@ -35,10 +35,13 @@ def find_opencv():
         import numpy  # noqa: F401
     except ImportError:
         venv = os.path.join(ROOT, "out", "rivals")
+        if sys.prefix == venv:
+            raise  # Installed, and yet not importable: no reason to begin again.
         subprocess.run([sys.executable, "-m", "venv", venv], check=True)
         pip = os.path.join(venv, "bin", "pip")
         subprocess.run([pip, "install", "--quiet", "numpy", "opencv-python-headless"], check=True)
-        os.execv(os.path.join(venv, "bin", "python3"), ["python3", *sys.argv])
+        python = os.path.join(venv, "bin", "python3")
+        os.execv(python, [python, *sys.argv])
 
 
 find_opencv()
