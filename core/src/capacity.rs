@@ -23,6 +23,12 @@ pub struct StageStats {
     pub dropped: u32,
 }
 
+/// Lengths fit `u32`: every buffer is far smaller.
+#[allow(clippy::cast_possible_truncation, reason = "capacities are far below 2^32")]
+pub(crate) const fn count(n: usize) -> u32 {
+    n as u32
+}
+
 /// The stages, in the order in which a frame flows through them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

@@ -15,7 +15,7 @@ use heapless::Vec;
 
 use crate::align::{appearance, is_plausible, refine};
 use crate::capacity::{
-    Buffer, CANDIDATES, DETECTIONS, FEATURE_BYTES, LEVELS, Room, Stage, StageStats, chroma_bytes, luma_bytes,
+    Buffer, CANDIDATES, DETECTIONS, FEATURE_BYTES, LEVELS, Room, Stage, StageStats, chroma_bytes, count, luma_bytes,
 };
 use crate::classify::{Match, NEIGHBOURS, classify};
 use crate::corners::{Corner, SCRATCH_ROWS};
@@ -856,12 +856,6 @@ fn weigh(
 /// The vertices of a keygraph: their indices and places in level 0, px.
 fn vertices(points: &[Point], k: &Keygraph) -> [(u16, [f32; 2]); 3] {
     k.vertices.map(|v| (v, to_level0(points[usize::from(v)], usize::from(k.level))))
-}
-
-/// Lengths fit `u32`: every buffer is far smaller.
-#[allow(clippy::cast_possible_truncation, reason = "capacities are far below 2^32")]
-const fn count(n: usize) -> u32 {
-    n as u32
 }
 
 fn stage(stats: &mut Stats, s: Stage) -> &mut StageStats {

@@ -7,11 +7,12 @@
 use heapless::VecView;
 
 use crate::capacity::StageStats;
-use crate::corners::{Corner, SCRATCH_ROWS, detect_corners, rank_by_radius, rank_by_strength};
+use crate::corners::{Corner, SCRATCH_ROWS, detect_corners};
 use crate::delaunay::{Triangulation, Triple, triangulate};
 use crate::geometry::Point;
 use crate::method::{Parameters, Ranking};
 use crate::pyramid::Plane;
+use crate::rank::{rank_by_radius, rank_by_strength};
 
 /// Where keypoints and triples of a frame come from: the framework is open to
 /// others than our corners and their triangulation. The levels above the finest are asked

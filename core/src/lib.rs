@@ -96,6 +96,7 @@ pub mod frame;
 pub mod shrink;
 pub mod pyramid;
 pub mod corners;
+pub mod rank;
 pub mod delaunay;
 pub mod keygraph;
 pub mod feature;

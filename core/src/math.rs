@@ -22,6 +22,16 @@ pub(crate) type Word = u64;
 #[cfg(not(any(target_feature = "sse2", target_feature = "neon")))]
 pub(crate) type Word = u32;
 
+/// The greater of two numbers, which are numbers.
+pub(crate) fn max(a: f32, b: f32) -> f32 {
+    if a > b { a } else { b }
+}
+
+/// The smaller of two numbers, which are numbers.
+pub(crate) fn min(a: f32, b: f32) -> f32 {
+    if a < b { a } else { b }
+}
+
 /// Square root, exactly rounded.
 #[must_use]
 pub fn sqrt(x: f32) -> f32 {

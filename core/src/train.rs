@@ -24,7 +24,7 @@
 use heapless::Vec;
 
 use crate::capacity::{LEVELS, StageStats, TEMPLATE_SIDE, chroma_bytes, luma_bytes};
-use crate::corners::{Corner, SCRATCH_ROWS, detect_corners, rank_by_radius, rank_by_strength};
+use crate::corners::{Corner, SCRATCH_ROWS, detect_corners};
 use crate::feature::{FeatureKind, extract, signature};
 use crate::frame::{Frame, FrameError};
 use crate::geometry::{Homography, Point};
@@ -35,6 +35,7 @@ use crate::model::{
     KEY, KEYPOINT, Layout, MAX_PICTURE_SIDE, Method, NAME_BYTES, OBJECT, Tiers, VERTICES, VIEW, template_bytes,
 };
 use crate::pyramid::{Pyramid, PyramidView, halve_chroma, halve_luma, plane_bytes, reduce_all};
+use crate::rank::{rank_by_radius, rank_by_strength};
 use crate::write::{is_one_of, key_bytes, put_u16, put_u32, sort_cell, write_header};
 
 /// Views that one model can be made from.

@@ -28,7 +28,7 @@ use keygraph::input::read_picture;
 use keygraph::learn::{Preset, train};
 use keygraph::search::fit;
 use keygraph_core::capacity::{Stage, StageStats};
-use keygraph_core::corners::{Corner, rank_by_radius};
+use keygraph_core::corners::Corner;
 use keygraph_core::delaunay::Triple;
 use keygraph_core::detect::{DEFAULT_THRESHOLD, Finder, VgaDetector};
 use keygraph_core::frame::Frame;
@@ -36,6 +36,7 @@ use keygraph_core::geometry::{Homography, Point, area};
 use keygraph_core::heapless::VecView;
 use keygraph_core::model::Model;
 use keygraph_core::pyramid::Plane;
+use keygraph_core::rank::rank_by_radius;
 
 /// The name of the object, its picture and its entries in `truth.json`.
 const OBJECT: &str = "astronaut";

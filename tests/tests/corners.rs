@@ -5,8 +5,9 @@
 use std::fmt::Write;
 
 use heapless::Vec as FixedVec;
-use keygraph_core::corners::{Corner, CornerParams, SCRATCH_ROWS, detect_corners, rank_by_strength};
+use keygraph_core::corners::{Corner, CornerParams, SCRATCH_ROWS, detect_corners};
 use keygraph_core::pyramid::Plane;
+use keygraph_core::rank::rank_by_strength;
 use keygraph_tests::file;
 
 /// A line of a golden list.
