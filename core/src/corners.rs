@@ -1,15 +1,15 @@
 //! Shi-Tomasi corners ("good features to track"), computed row by row.
 //!
-//! In: a luma plane. Out: corners in 1/16 px, in no particular order. The strength of a pixel is twice the smaller eigenvalue of
-//! `[[a, b], [b, c]]`, sums over its 3x3 block of products of 3x3 Sobel
-//! derivatives: `a + c - sqrt((a - c)^2 + 4 b^2)` (J. Shi, C. Tomasi, *Good
-//! Features to Track*, CVPR 1994). The sums are integers below 2^24, which `f32`
-//! holds exactly; it is taken because all processors have its multiplication in
-//! their vector units. Borders mirror without
-//! repeating the edge, the outermost pixels hold no corner, and a corner is a
-//! pixel that no neighbour exceeds: OpenCV's `goodFeaturesToTrack`. Its place
-//! is then refined by a parabola through the strengths beside it, where those
-//! below the threshold so far count as none.
+//! In: a luma plane. Out: corners in 1/16 px, in no particular order. The
+//! strength of a pixel is twice the smaller eigenvalue of `[[a, b], [b, c]]`,
+//! sums over its 3x3 block of products of 3x3 Sobel derivatives:
+//! `a + c - sqrt((a - c)^2 + 4 b^2)` (J. Shi, C. Tomasi, *Good Features to
+//! Track*, CVPR 1994). The sums are integers below 2^24, which `f32` holds
+//! exactly; it is taken because all processors have its multiplication in their
+//! vector units. Borders mirror without repeating the edge, the outermost pixels
+//! hold no corner, and a corner is a pixel that no neighbour exceeds: OpenCV's
+//! `goodFeaturesToTrack`. Its place is then refined by a parabola through the
+//! strengths beside it, where those below the threshold so far count as none.
 //!
 //! Memory: [`SCRATCH_ROWS`] rows of `f32` and 12 bytes a candidate. Cost: one
 //! pass over the pixels, some 100 operations each, written so that compilers
