@@ -10,7 +10,9 @@ use std::time::Instant;
 
 use anyhow::{Context, Result};
 use keygraph_core::capacity::{Buffer, Room};
-use keygraph_core::detect::{Detection, HdDetector, Observer, Output, QqvgaDetector, QvgaDetector, Stats, VgaDetector};
+use keygraph_core::detect::{
+    self as core, Detection, Detector, HdDetector, Observer, Output, QqvgaDetector, QvgaDetector, Stats, VgaDetector,
+};
 use keygraph_core::digest::Digests;
 use keygraph_core::frame::{Frame, FrameError, PixelFormat};
 use keygraph_core::geometry::Homography;
@@ -50,10 +52,10 @@ impl Profile {
     #[must_use]
     pub const fn memory(self) -> (usize, [Room; Buffer::COUNT]) {
         match self {
-            Self::Hd => (size_of::<HdDetector>(), HdDetector::BUFFERS),
-            Self::Vga => (size_of::<VgaDetector>(), VgaDetector::BUFFERS),
-            Self::Qvga => (size_of::<QvgaDetector>(), QvgaDetector::BUFFERS),
-            Self::Qqvga => (size_of::<QqvgaDetector>(), QqvgaDetector::BUFFERS),
+            Self::Hd => (size_of::<HdDetector>(), core::Hd::ROOMS),
+            Self::Vga => (size_of::<VgaDetector>(), core::Vga::ROOMS),
+            Self::Qvga => (size_of::<QvgaDetector>(), core::Qvga::ROOMS),
+            Self::Qqvga => (size_of::<QqvgaDetector>(), core::Qqvga::ROOMS),
         }
     }
 }
@@ -169,6 +171,13 @@ impl Found {
         }
     }
 
+    /// Adds corners, keygraphs and supporters of the last frame.
+    fn add_details(&mut self, detector: &AnyDetector, model: &Model<'_>) {
+        self.corners = detector.corners().collect();
+        self.keygraphs = detector.keygraphs().collect();
+        self.supporters = self.detections.iter().map(|d| detector.supporters(model, d).collect()).collect();
+    }
+
     /// All detections, those of lost instances too.
     fn all_detections(&mut self) -> impl Iterator<Item = &mut Detection> {
         let lost = self.tracking.iter_mut().flat_map(|t| &mut t.lost);
@@ -236,72 +245,54 @@ impl Observer for Watch {
 }
 
 /// A detector of any profile.
-pub trait Engine {
-    /// [`keygraph_core::detect::Detector::detect`] and what there is to tell.
-    ///
-    /// # Errors
-    /// As the core.
-    fn run(&mut self, frame: &Frame<'_>, model: &Model<'_>, request: &Request) -> Result<Found, FrameError>;
-
-    /// The same for the next frame of a sequence, by [`Tracker::track`].
-    ///
-    /// # Errors
-    /// As the core.
-    fn follow(
-        &mut self,
-        tracker: &mut Tracker,
-        frame: &Frame<'_>,
-        model: &Model<'_>,
-        request: &Request,
-    ) -> Result<Found, FrameError>;
-}
-
-macro_rules! engine {
-    ($($detector:ty, $pool:ident;)*) => {$(
-        static $pool: [Mutex<$detector>; MAX_THREADS] = [const { Mutex::new(<$detector>::new()) }; MAX_THREADS];
-
-        impl Engine for $detector {
-            fn run(&mut self, frame: &Frame<'_>, model: &Model<'_>, request: &Request) -> Result<Found, FrameError> {
-                let mut watch = Watch { start: Instant::now(), digests: request.digests.then(Digests::new) };
-                self.set_thorough(request.thorough);
-                let detections = self.detect(frame, model, request.threshold, &mut watch)?.to_vec();
-                let mut found = Found { digests: watch.digests, high_water: *self.high_water(), ..Found::new(detections, *self.stats()) };
-                if request.details {
-                    found.corners = self.corners().collect();
-                    found.keygraphs = self.keygraphs().collect();
-                    found.supporters = found.detections.iter().map(|d| self.supporters(model, d).collect()).collect();
-                }
-                Ok(found)
-            }
-
-            fn follow(&mut self, tracker: &mut Tracker, frame: &Frame<'_>, model: &Model<'_>, request: &Request) -> Result<Found, FrameError> {
-                let mut watch = Watch { start: Instant::now(), digests: None };
-                self.set_thorough(request.thorough);
-                let tracks = tracker.track(self, frame, model, request.threshold, &mut watch)?;
-                let (lost, seen): (Vec<Track>, Vec<Track>) = tracks.iter().partition(|t| t.state == State::Lost);
-                let mut found = Found::new(seen.iter().map(|t| t.detection).collect(), *tracker.stats());
-                if request.details {
-                    found.corners = self.corners().collect();
-                    found.keygraphs = self.keygraphs().collect();
-                    found.supporters = found.detections.iter().map(|d| self.supporters(model, d).collect()).collect();
-                }
-                let seen = seen.iter().map(|t| (t.id, t.state)).collect();
-                found.tracking = Some(Tracking { seen, lost, searched: tracker.searched() });
-                Ok(found)
-            }
-        }
-    )*};
-}
+type AnyDetector = Detector<dyn core::Profile>;
 
 /// Most frames that are searched at once: detectors live in statics, which cost
 /// nothing until they are used.
 pub const MAX_THREADS: usize = 8;
 
-engine! {
-    HdDetector, HD;
-    VgaDetector, VGA;
-    QvgaDetector, QVGA;
-    QqvgaDetector, QQVGA;
+static HD: [Mutex<HdDetector>; MAX_THREADS] = [const { Mutex::new(HdDetector::new()) }; MAX_THREADS];
+static VGA: [Mutex<VgaDetector>; MAX_THREADS] = [const { Mutex::new(VgaDetector::new()) }; MAX_THREADS];
+static QVGA: [Mutex<QvgaDetector>; MAX_THREADS] = [const { Mutex::new(QvgaDetector::new()) }; MAX_THREADS];
+static QQVGA: [Mutex<QqvgaDetector>; MAX_THREADS] = [const { Mutex::new(QqvgaDetector::new()) }; MAX_THREADS];
+
+/// Searches a frame, and gathers what there is to report.
+fn search_frame(
+    detector: &mut AnyDetector,
+    frame: &Frame<'_>,
+    model: &Model<'_>,
+    request: &Request,
+) -> Result<Found, FrameError> {
+    let mut watch = Watch { start: Instant::now(), digests: request.digests.then(Digests::new) };
+    detector.set_thorough(request.thorough);
+    let detections = detector.detect(frame, model, request.threshold, &mut watch)?.to_vec();
+    let found = Found::new(detections, *detector.stats());
+    let mut found = Found { digests: watch.digests, high_water: *detector.high_water(), ..found };
+    if request.details {
+        found.add_details(detector, model);
+    }
+    Ok(found)
+}
+
+/// Follows objects into the next frame of a sequence, and gathers what there is to report.
+fn follow_frame(
+    detector: &mut AnyDetector,
+    tracker: &mut Tracker,
+    frame: &Frame<'_>,
+    model: &Model<'_>,
+    request: &Request,
+) -> Result<Found, FrameError> {
+    let mut watch = Watch { start: Instant::now(), digests: None };
+    detector.set_thorough(request.thorough);
+    let tracks = tracker.track(detector, frame, model, request.threshold, &mut watch)?;
+    let (lost, seen): (Vec<Track>, Vec<Track>) = tracks.iter().partition(|t| t.state == State::Lost);
+    let mut found = Found::new(seen.iter().map(|t| t.detection).collect(), *tracker.stats());
+    if request.details {
+        found.add_details(detector, model);
+    }
+    let seen = seen.iter().map(|t| (t.id, t.state)).collect();
+    found.tracking = Some(Tracking { seen, lost, searched: tracker.searched() });
+    Ok(found)
 }
 
 /// Looks for the model's objects in `picture` with the detector of thread `slot`.
@@ -324,7 +315,7 @@ pub fn search(
 /// # Errors
 /// When the picture is too small.
 pub fn search_for(picture: &Picture, model: &Model<'_>, request: &Request, slot: usize) -> Result<Found> {
-    in_profile(picture, request, slot, |engine, frame| engine.run(frame, model, request))
+    in_profile(picture, request, slot, |detector, frame| search_frame(detector, frame, model, request))
 }
 
 /// The same for the next picture of a sequence, of which `tracker` has seen the ones
@@ -339,7 +330,7 @@ pub fn follow(
     slot: usize,
     tracker: &mut Tracker,
 ) -> Result<Found> {
-    in_profile(picture, request, slot, |engine, frame| engine.follow(tracker, frame, model, request))
+    in_profile(picture, request, slot, |detector, frame| follow_frame(detector, tracker, frame, model, request))
 }
 
 /// Prepares `picture`, lets `work` have it and the detector of thread `slot`, and takes
@@ -348,7 +339,7 @@ fn in_profile(
     picture: &Picture,
     request: &Request,
     slot: usize,
-    work: impl FnOnce(&mut dyn Engine, &Frame<'_>) -> Result<Found, FrameError>,
+    work: impl FnOnce(&mut AnyDetector, &Frame<'_>) -> Result<Found, FrameError>,
 ) -> Result<Found> {
     let start = Instant::now();
     let scaled = prepare(picture, request.profile, request.format);

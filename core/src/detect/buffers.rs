@@ -1,0 +1,264 @@
+//! Every buffer of a detector, sized at compile time: the profiles.
+//!
+//! In: seven sizes. Out: the buffers as views. The owner [`Buffers`] alone knows the sizes; the
+//! stages see what [`Profile`] lends them.
+//!
+//! Memory: the size of [`Buffers`], asserted below for each profile against its budget; all
+//! zero at the start. Cost: none.
+
+use core::fmt;
+use core::mem::size_of;
+
+use heapless::{Vec, VecView};
+
+use crate::base::capacity::{Buffer, FEATURE_BYTES, LEVELS, Room, chroma_bytes, luma_bytes, pixels_of};
+use crate::base::geometry::Point;
+use crate::detect::hough::Bin;
+use crate::detect::observer::Tally;
+use crate::detect::pose::{MAX_CORNERS, Pair};
+use crate::detect::scene::Spans;
+use crate::detect::search::Findings;
+use crate::detect::vote::{Vote, Votes};
+use crate::extract::corners::{Corner, SCRATCH_ROWS};
+use crate::extract::delaunay::{Triangulation, Triple, Workspace};
+use crate::extract::feature::Feature;
+use crate::extract::keygraph::Keygraph;
+use crate::image::pyramid::{Pyramid, PyramidMut, PyramidView};
+
+/// Frames of up to 160 x 120 px.
+pub type Qqvga = Buffers<{ luma_bytes(160 * 120) }, { chroma_bytes(160 * 120) }, 160, 420, 160, 448, 768>;
+/// Frames of up to 320 x 240 px.
+pub type Qvga = Buffers<{ luma_bytes(320 * 240) }, { chroma_bytes(320 * 240) }, 320, 800, 256, 1024, 2048>;
+/// Frames of up to 640 x 480 px.
+pub type Vga = Buffers<{ luma_bytes(640 * 480) }, { chroma_bytes(640 * 480) }, 640, 2000, 512, 4096, 6144>;
+/// Frames of up to 1280 x 720 px.
+pub type Hd = Buffers<{ luma_bytes(1280 * 720) }, { chroma_bytes(1280 * 720) }, 1280, 4000, 1024, 8192, 12288>;
+
+/// The size of a detector with one raw frame of two bytes a pixel.
+const fn with_frame(buffers: usize, pixels: usize) -> usize {
+    buffers + size_of::<usize>() + 2 * pixels
+}
+const _: () = assert!(with_frame(size_of::<Qqvga>(), 160 * 120) <= 160 << 10, "qqvga exceeds 160 KB");
+const _: () = assert!(with_frame(size_of::<Qvga>(), 320 * 240) <= 480 << 10, "qvga exceeds 480 KB");
+const _: () = assert!(with_frame(size_of::<Vga>(), 640 * 480) <= 4 << 20, "vga exceeds 4 MB");
+const _: () = assert!(with_frame(size_of::<Hd>(), 1280 * 720) <= 12 << 20, "hd exceeds 12 MB");
+
+/// The largest frame that fits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Limits {
+    /// Longest side, px.
+    pub side: usize,
+    /// Most pixels.
+    pub pixels: usize,
+}
+
+/// The buffers of one profile: [`Qqvga`], [`Qvga`], [`Vga`], [`Hd`], or sizes of your own.
+///
+/// `LUMA` and `CHROMA` are the bytes of the pyramids ([`luma_bytes`], [`chroma_bytes`]), `SIDE`
+/// the longest side of a frame, `CORNERS` the candidates for corners, `POINTS` the corners on a
+/// level, `KEYGRAPHS` the triples, keygraphs, votes and vertex pairs, `BINS` the bins of votes.
+#[derive(Debug)]
+pub struct Buffers<
+    const LUMA: usize,
+    const CHROMA: usize,
+    const SIDE: usize,
+    const CORNERS: usize,
+    const POINTS: usize,
+    const KEYGRAPHS: usize,
+    const BINS: usize,
+> {
+    pyramid: Pyramid<LUMA, CHROMA>,
+    scratch: [[f32; SIDE]; SCRATCH_ROWS],
+    mesh: Triangulation<POINTS>,
+    corners: Vec<Corner, CORNERS>,
+    points: Vec<Point, CORNERS>,
+    triples: Vec<Triple, KEYGRAPHS>,
+    keygraphs: Vec<Keygraph, KEYGRAPHS>,
+    features: [Feature; KEYGRAPHS],
+    votes: Votes<Vec<Vote, KEYGRAPHS>>,
+    bins: [Bin; BINS],
+    pairs: Vec<Pair, KEYGRAPHS>,
+    spans: Spans,
+    findings: Findings,
+    tally: Tally,
+}
+
+impl<
+    const LUMA: usize,
+    const CHROMA: usize,
+    const SIDE: usize,
+    const CORNERS: usize,
+    const POINTS: usize,
+    const KEYGRAPHS: usize,
+    const BINS: usize,
+> Buffers<LUMA, CHROMA, SIDE, CORNERS, POINTS, KEYGRAPHS, BINS>
+{
+    const FITS: () = assert!(
+        SIDE <= 2047 && CORNERS <= MAX_CORNERS && KEYGRAPHS < u16::MAX as usize,
+        "positions are 16 bits of 1/16 px, ids are u16, corners are counted in a bit set: lower SIDE, CORNERS or KEYGRAPHS"
+    );
+
+    /// The largest frame that fits.
+    pub const LIMITS: Limits = Limits { side: SIDE, pixels: pixels_of(LUMA) };
+
+    /// The buffers, in the order of [`Buffer::ALL`]; the rest of a detector is under 5 KB.
+    pub const ROOMS: [Room; Buffer::COUNT] = [
+        Room { bytes: LUMA, capacity: LUMA },
+        Room { bytes: 2 * CHROMA, capacity: 2 * CHROMA },
+        Room { bytes: size_of::<[[f32; SIDE]; SCRATCH_ROWS]>(), capacity: SIDE * SCRATCH_ROWS },
+        Room { bytes: size_of::<Vec<Corner, CORNERS>>(), capacity: CORNERS },
+        Room { bytes: size_of::<Vec<Point, CORNERS>>(), capacity: CORNERS },
+        Room { bytes: size_of::<Triangulation<POINTS>>(), capacity: POINTS },
+        Room { bytes: size_of::<Vec<Triple, KEYGRAPHS>>(), capacity: KEYGRAPHS },
+        Room { bytes: size_of::<Vec<Keygraph, KEYGRAPHS>>(), capacity: KEYGRAPHS },
+        Room { bytes: size_of::<[Feature; KEYGRAPHS]>(), capacity: KEYGRAPHS },
+        Room { bytes: size_of::<Vec<Vote, KEYGRAPHS>>(), capacity: KEYGRAPHS },
+        Room { bytes: size_of::<[Bin; BINS]>(), capacity: BINS },
+        Room { bytes: size_of::<Vec<Pair, KEYGRAPHS>>(), capacity: KEYGRAPHS },
+    ];
+
+    /// Empty buffers, all zero.
+    #[must_use]
+    pub const fn new() -> Self {
+        let () = Self::FITS;
+        Self {
+            pyramid: Pyramid::new(),
+            scratch: [[0.0; SIDE]; SCRATCH_ROWS],
+            mesh: Triangulation::new(),
+            corners: Vec::new(),
+            points: Vec::new(),
+            triples: Vec::new(),
+            keygraphs: Vec::new(),
+            features: [[0; FEATURE_BYTES]; KEYGRAPHS],
+            votes: Votes::new(),
+            bins: [Bin::FREE; BINS],
+            pairs: Vec::new(),
+            spans: [(0, 0); LEVELS],
+            findings: Findings::EMPTY,
+            tally: Tally::EMPTY,
+        }
+    }
+}
+
+impl<
+    const LUMA: usize,
+    const CHROMA: usize,
+    const SIDE: usize,
+    const CORNERS: usize,
+    const POINTS: usize,
+    const KEYGRAPHS: usize,
+    const BINS: usize,
+> Default for Buffers<LUMA, CHROMA, SIDE, CORNERS, POINTS, KEYGRAPHS, BINS>
+{
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// The size that frames are searched at, and the buffers for it. [`Buffers`] alone is one;
+/// `dyn Profile` stands for any of them, where that is chosen while the program runs.
+pub trait Profile: Lend + fmt::Debug {}
+
+impl<
+    const LUMA: usize,
+    const CHROMA: usize,
+    const SIDE: usize,
+    const CORNERS: usize,
+    const POINTS: usize,
+    const KEYGRAPHS: usize,
+    const BINS: usize,
+> Profile for Buffers<LUMA, CHROMA, SIDE, CORNERS, POINTS, KEYGRAPHS, BINS>
+{
+}
+
+/// All buffers as views, for a search.
+pub struct Lent<'a> {
+    pub(super) pyramid: PyramidMut<'a>,
+    pub(super) scratch: &'a mut [f32],
+    pub(super) mesh: Workspace<'a>,
+    pub(super) corners: &'a mut VecView<Corner>,
+    pub(super) points: &'a mut VecView<Point>,
+    pub(super) triples: &'a mut VecView<Triple>,
+    pub(super) keygraphs: &'a mut VecView<Keygraph>,
+    pub(super) features: &'a mut [Feature],
+    pub(super) votes: &'a mut Votes<VecView<Vote>>,
+    pub(super) bins: &'a mut [Bin],
+    pub(super) pairs: &'a mut VecView<Pair>,
+    pub(super) spans: &'a mut Spans,
+    pub(super) findings: &'a mut Findings,
+    pub(super) tally: &'a mut Tally,
+}
+
+/// What the last search left.
+pub struct Shown<'a> {
+    pub(super) pyramid: PyramidView<'a>,
+    pub(super) points: &'a [Point],
+    pub(super) keygraphs: &'a [Keygraph],
+    pub(super) votes: &'a [Vote],
+    pub(super) spans: &'a Spans,
+    pub(super) findings: &'a Findings,
+    pub(super) tally: &'a Tally,
+}
+
+/// Lends buffers as views: the part of [`Profile`] that is not for callers.
+pub trait Lend {
+    /// The largest frame that fits.
+    fn limits(&self) -> Limits;
+    /// Bytes and capacity of each buffer, in the order of [`Buffer::ALL`].
+    fn rooms(&self) -> [Room; Buffer::COUNT];
+    /// All buffers, for a search.
+    fn lend(&mut self) -> Lent<'_>;
+    /// What the last search left.
+    fn show(&self) -> Shown<'_>;
+}
+
+impl<
+    const LUMA: usize,
+    const CHROMA: usize,
+    const SIDE: usize,
+    const CORNERS: usize,
+    const POINTS: usize,
+    const KEYGRAPHS: usize,
+    const BINS: usize,
+> Lend for Buffers<LUMA, CHROMA, SIDE, CORNERS, POINTS, KEYGRAPHS, BINS>
+{
+    fn limits(&self) -> Limits {
+        Self::LIMITS
+    }
+
+    fn rooms(&self) -> [Room; Buffer::COUNT] {
+        Self::ROOMS
+    }
+
+    fn lend(&mut self) -> Lent<'_> {
+        Lent {
+            pyramid: self.pyramid.as_mut(),
+            scratch: self.scratch.as_flattened_mut(),
+            mesh: self.mesh.workspace(),
+            corners: &mut self.corners,
+            points: &mut self.points,
+            triples: &mut self.triples,
+            keygraphs: &mut self.keygraphs,
+            features: &mut self.features,
+            votes: &mut self.votes,
+            bins: &mut self.bins,
+            pairs: &mut self.pairs,
+            spans: &mut self.spans,
+            findings: &mut self.findings,
+            tally: &mut self.tally,
+        }
+    }
+
+    fn show(&self) -> Shown<'_> {
+        Shown {
+            pyramid: self.pyramid.view(),
+            points: &self.points,
+            keygraphs: &self.keygraphs,
+            votes: self.votes.all(),
+            spans: &self.spans,
+            findings: &self.findings,
+            tally: &self.tally,
+        }
+    }
+}

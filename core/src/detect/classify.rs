@@ -1,0 +1,339 @@
+//! Which model keygraphs a frame keygraph looks like.
+//!
+//! In: a frame keygraph and its feature. Out: its nearest neighbours among the
+//! model keygraphs whose angles agree within a tolerance. Every partition subset
+//! that the tolerance touches is looked at (the paper looks at one); a subset is
+//! sorted by size, so that only triangles of about the right size are read; of
+//! these, the angles and the bits of the signature are compared, four keys in a
+//! machine word, which throws out 49 of 50; then, in the lists of many objects, sketches, which
+//! leave one in three; then features; a comparison ends as soon as it cannot win.
+//!
+//! Memory: [`Match`], 8 bytes. Cost: 12 operations a key that is read; the heart of the
+//! detector.
+
+use heapless::Vec;
+
+use crate::base::math::VECTORS;
+use crate::extract::feature::{Feature, signature, sketch};
+use crate::extract::keygraph::{BIN, Keygraph, LARGEST_BINS, SECOND_BINS, cell_of};
+use crate::model::method::MatchRule;
+use crate::model::parse::{Keys, Model, SKETCH, Tier};
+
+/// A model keygraph that a frame keygraph looks like.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Match {
+    /// Index of the model keygraph.
+    pub keygraph: u32,
+    /// Sum of absolute differences of the feature bytes.
+    pub distance: u16,
+}
+
+/// Most matches of a keygraph.
+pub const NEIGHBOURS: usize = 2;
+
+/// The nearest neighbours, nearest first.
+pub type Nearest = [Option<Match>; NEIGHBOURS];
+
+/// Finds the best matches, in a tier, of a keygraph with this feature.
+#[must_use]
+pub fn classify(model: &Model<'_>, tier: Tier, k: &Keygraph, feature: &Feature, rule: &MatchRule) -> Nearest {
+    let Keygraph { key, size, shortest, .. } = *k;
+    let bytes = model.feature_bytes();
+    let feature = &feature[..bytes];
+    let [a, b, c, _] = signature(feature).to_le_bytes();
+    let sketches: &[_] = if tier.list().is_some() { model.sketches() } else { &[] };
+    let mut search = Search {
+        keys: model.keys(),
+        features: model.features(),
+        feature,
+        sketches,
+        sketch: if sketches.is_empty() { 0 } else { sketch(feature) },
+        max_marks: rule.max_marks.into(),
+        pattern: Pattern {
+            signature: [a, b, c].map(in_each_byte),
+            most_bits: in_each_byte(0x80 + rule.max_bits),
+            ranges: [[0; 2]; 2],
+        },
+        sizes: [size.saturating_sub(rule.size_window), size.saturating_add(rule.size_window)],
+        limit: u32::try_from(bytes).unwrap_or(0) * u32::from(rule.max_distance) / 16 + 1,
+        best: [None; NEIGHBOURS],
+        waiting: Vec::new(),
+    };
+    if rule.one_cell {
+        search.run(model.cell(tier, key.cell()), [0, BIN - 1], [0, BIN - 1]);
+        search.compare();
+        search.best[1..].fill(None);
+        return search.best;
+    }
+    let noise = rule.tolerance_px / u16::from(shortest.max(1));
+    let tolerance = rule.tolerance.saturating_add(u8::try_from(noise).unwrap_or(u8::MAX));
+    let [second, largest] =
+        [key.second, key.largest].map(|a| [a.saturating_sub(tolerance), a.saturating_add(tolerance)]);
+    let bins = |[from, to]: [u8; 2], n: usize| from / BIN..=(to / BIN).min(u8::try_from(n - 1).unwrap_or(0));
+    // The part of a range that lies in a bin, from the bin's start.
+    let inside = |[from, to]: [u8; 2], bin: u8| [from.saturating_sub(bin * BIN), (to - bin * BIN).min(BIN - 1)];
+    for s in bins(second, SECOND_BINS) {
+        for l in bins(largest, LARGEST_BINS) {
+            search.run(model.cell(tier, cell_of(key.mirrored, s, l)), inside(second, s), inside(largest, l));
+        }
+    }
+    search.compare();
+    search.best
+}
+
+/// Keys that are looked at together, four in a word; those with vector units do four words at
+/// once.
+const KEYS: usize = if VECTORS { 16 } else { 4 };
+const WORDS: usize = KEYS / 4;
+/// The same in large subsets, where there are vectors.
+const BLOCK: usize = 128;
+/// Keys of a subset from which on those of the right size are sought out.
+const MANY: usize = 32;
+/// The highest bit of each byte.
+const HIGH: u32 = 0x8080_8080;
+const NIBBLE: u32 = 0x0f0f_0f0f;
+
+/// Keygraphs whose features are compared together, and the bytes at which that is done.
+const WAITING: usize = if VECTORS { 64 } else { 16 };
+const HEAD: usize = 16;
+
+const fn in_each_byte(v: u8) -> u32 {
+    u32::from_le_bytes([v; 4])
+}
+
+/// Word `i` of some keys.
+#[inline(always)]
+fn word<const N: usize>(keys: &[u8; N], i: usize) -> u32 {
+    u32::from_le_bytes([keys[4 * i], keys[4 * i + 1], keys[4 * i + 2], keys[4 * i + 3]])
+}
+
+/// How many bits are set in each half byte.
+const fn count_bits(x: u32) -> u32 {
+    let x = x - (x >> 1 & 0x5555_5555);
+    (x & 0x3333_3333) + (x >> 2 & 0x3333_3333)
+}
+
+/// What the keys of a subset are compared with.
+#[derive(Clone, Copy)]
+struct Pattern {
+    /// Each byte of the signature, four times.
+    signature: [u32; 3],
+    /// 0x80 and the bits that may differ, in each byte.
+    most_bits: u32,
+    /// Of both angles, in each byte: what the least is from 0x80, and 0x80 and the most.
+    ranges: [[u32; 2]; 2],
+}
+
+impl Pattern {
+    /// Of four keys, whose angles and parts of signatures these are: the highest bit of the byte
+    /// of each that is alike.
+    #[inline(always)]
+    const fn alike(&self, [angles, a, b, c]: [u32; 4]) -> u32 {
+        let [a, b, c] = [a ^ self.signature[0], b ^ self.signature[1], c ^ self.signature[2]];
+        // Three bits of a place are added to one number of two.
+        let (ones, twos) = (a ^ b ^ c, a & b | (a ^ b) & c);
+        let bits = count_bits(ones) + 2 * count_bits(twos);
+        let bits = (bits & NIBBLE) + (bits >> 4 & NIBBLE);
+        // A byte has its highest bit set where `least + v`, and `most - v`, say that v is in
+        // the range; none carries into the next.
+        let [[s_least, s_most], [l_least, l_most]] = self.ranges;
+        let (s, l) = (angles & NIBBLE, angles >> 4 & NIBBLE);
+        let in_range = (s_least + s) & (s_most - s) & (l_least + l) & (l_most - l);
+        (self.most_bits - bits) & in_range & HIGH
+    }
+}
+
+/// Which of many keys are [`Pattern::alike`], a bit for each, four in a byte.
+/// Not inlined: then the compiler makes vectors of it.
+#[cfg_attr(feature = "dispatch", multiversion::multiversion(targets("x86_64+avx2")))]
+#[inline(never)]
+fn alike(pattern: &Pattern, keys: [&[u8; BLOCK]; 4], out: &mut [u8; BLOCK / 4]) {
+    let pattern = *pattern;
+    for (i, out) in out.iter_mut().enumerate() {
+        let bits = pattern.alike(keys.map(|k| word(k, i))) >> 7;
+        // The lowest bits of its bytes, side by side.
+        *out = ((bits | bits >> 7 | bits >> 14 | bits >> 21) & 15) as u8;
+    }
+}
+
+struct Search<'a> {
+    keys: Keys<'a>,
+    features: &'a [u8],
+    feature: &'a [u8],
+    /// Those of the first of the keygraphs, or none.
+    sketches: &'a [[u8; SKETCH]],
+    sketch: u64,
+    /// Bits of the sketch that may differ.
+    max_marks: u32,
+    /// But for the angles, which differ from subset to subset.
+    pattern: Pattern,
+    /// Sizes that are looked at, both included.
+    sizes: [u8; 2],
+    /// Only distances below this are of interest.
+    limit: u32,
+    best: Nearest,
+    /// Keygraphs whose features are to be compared.
+    waiting: Vec<u32, WAITING>,
+}
+
+impl Search<'_> {
+    /// Looks at a subset's keygraphs whose angles, from its start, lie in these ranges.
+    fn run(&mut self, cell: core::ops::Range<usize>, second: [u8; 2], largest: [u8; 2]) {
+        let core::ops::Range { mut start, mut end } = cell;
+        if start >= end {
+            return;
+        }
+        // Reading a few keys too many is cheaper than finding out which.
+        if end - start > MANY {
+            let sizes = &self.keys.sizes[start..end];
+            end = start + sizes.partition_point(|&s| s <= self.sizes[1]);
+            start += sizes.partition_point(|&s| s < self.sizes[0]);
+        }
+        let pattern = Pattern {
+            ranges: [second, largest].map(|[from, to]| [in_each_byte(0x80 - from), in_each_byte(0x80 + to)]),
+            ..self.pattern
+        };
+        let Keys { angles, signatures: [a, b, c], .. } = self.keys;
+        let planes = [angles, a, b, c];
+        if VECTORS {
+            let [angles, a, b, c] = planes.map(|p| p[start..].as_chunks().0.iter());
+            for (((angles, a), b), c) in angles.zip(a).zip(b).zip(c).take((end - start) / BLOCK) {
+                let mut nibbles = [0; BLOCK / 4];
+                alike(&pattern, [angles, a, b, c], &mut nibbles);
+                for eight in nibbles.as_chunks::<8>().0 {
+                    let mut left = u64::from_le_bytes(*eight);
+                    while left != 0 {
+                        let bit = left.trailing_zeros() as usize;
+                        left &= left - 1;
+                        // Four in each byte. All of them are of a size: the subset is a large one.
+                        self.wait(start + bit / 8 * 4 + bit % 8);
+                    }
+                    start += 4 * eight.len();
+                }
+            }
+        }
+        let planes = planes.map(|p| p[start..].as_chunks());
+        let [angles, a, b, c] = planes.map(|(groups, _)| groups.iter());
+        let mut at = start;
+        for (((angles, a), b), c) in angles.zip(a).zip(b).zip(c).take((end - start).div_ceil(KEYS)) {
+            self.look(at, end, &pattern, [angles, a, b, c]);
+            at += KEYS;
+        }
+        // Where the planes end.
+        if at < end {
+            let mut last = [[0; KEYS]; 4];
+            for (last, (_, rest)) in last.iter_mut().zip(planes) {
+                last[..rest.len()].copy_from_slice(rest);
+            }
+            self.look(at, end, &pattern, last.each_ref());
+        }
+    }
+
+    /// Looks at the keys from `at` on, those before `end`: their angles and the parts of their
+    /// signatures. Those that are alike, and of a size, wait.
+    #[inline(always)]
+    fn look(&mut self, at: usize, end: usize, pattern: &Pattern, keys: [&[u8; KEYS]; 4]) {
+        let words: [u32; WORDS] = core::array::from_fn(|i| pattern.alike(keys.map(|k| word(k, i))));
+        if words.iter().fold(0, |all, word| all | word) == 0 {
+            return;
+        }
+        for (i, &word) in words.iter().enumerate() {
+            let mut left = word;
+            while left != 0 {
+                let key = at + 4 * i + (left.trailing_zeros() / 8) as usize;
+                left &= left - 1;
+                if key < end && (self.sizes[0]..=self.sizes[1]).contains(&self.keys.sizes[key]) {
+                    self.wait(key);
+                }
+            }
+        }
+    }
+
+    fn wait(&mut self, key: usize) {
+        if self.waiting.is_full() {
+            self.compare();
+        }
+        // It fits: there is room now.
+        let _ = self.waiting.push(u32::try_from(key).unwrap_or(u32::MAX));
+    }
+
+    /// Forgets those that wait whose sketches differ too much. All are read before it is known
+    /// which: they lie far apart.
+    fn sift(&mut self) {
+        let mut alike = 0;
+        for i in 0..self.waiting.len() {
+            let key = self.waiting[i];
+            let differ = u64::from_le_bytes(self.sketches[key as usize]) ^ self.sketch;
+            self.waiting[alike] = key;
+            alike += usize::from(differ.count_ones() <= self.max_marks);
+        }
+        self.waiting.truncate(alike);
+    }
+
+    /// Compares the features of those that wait.
+    fn compare(&mut self) {
+        if !self.sketches.is_empty() {
+            self.sift();
+        }
+        let n = self.feature.len();
+        let features = self.features;
+        let feature = |keygraph: u32| &features[n * keygraph as usize..][..n];
+        let (head, rest) = self.feature.split_at(n.min(HEAD));
+        // The heads of all at once: they lie all over the memory, and none waits for another.
+        let mut heads = [0; WAITING];
+        for (sum, &keygraph) in heads.iter_mut().zip(&self.waiting) {
+            *sum = differences(&feature(keygraph)[..head.len()], head);
+        }
+        for (i, sum) in heads.into_iter().enumerate().take(self.waiting.len()) {
+            let keygraph = self.waiting[i];
+            let Some(left) = self.limit.checked_sub(sum) else { continue };
+            let Some(more) = distance(&feature(keygraph)[head.len()..], rest, left) else { continue };
+            self.keep(Match { keygraph, distance: u16::try_from(sum + more).unwrap_or(u16::MAX) });
+        }
+        self.waiting.clear();
+    }
+
+    fn keep(&mut self, m: Match) {
+        let nearer = |b: &Option<Match>| b.is_some_and(|b| b.distance <= m.distance);
+        let place = self.best.iter().take_while(|b| nearer(b)).count();
+        if place < NEIGHBOURS {
+            self.best[place..].rotate_right(1);
+            self.best[place] = Some(m);
+        }
+        if let Some(last) = self.best[NEIGHBOURS - 1] {
+            self.limit = u32::from(last.distance);
+        }
+    }
+}
+
+fn differences(a: &[u8], b: &[u8]) -> u32 {
+    a.iter().zip(b).map(|(a, b)| u32::from(a.abs_diff(*b))).sum()
+}
+
+/// Sum of absolute differences if it stays below `limit`.
+#[must_use]
+pub fn distance(a: &[u8], b: &[u8], limit: u32) -> Option<u32> {
+    let ((chunks, a), (others, b)) = (a.as_chunks::<16>(), b.as_chunks::<16>());
+    let mut sum = differences(a, b);
+    for (a, b) in chunks.iter().zip(others) {
+        sum += differences(a, b);
+        if sum >= limit {
+            return None;
+        }
+    }
+    (sum < limit).then_some(sum)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn distance_gives_up_at_the_limit() {
+        let (a, b) = ([10u8; 36], [13u8; 36]);
+        assert_eq!(distance(&a, &b, 109), Some(108));
+        assert_eq!(distance(&a, &b, 108), None);
+        assert_eq!(distance(&a[..12], &b[..12], 1000), Some(36));
+    }
+}

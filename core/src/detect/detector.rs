@@ -1,0 +1,278 @@
+//! The detector: finds the objects of a model in a frame.
+//!
+//! In: a frame and a model. Out: where the model's objects are. [`Detector`] checks the frame,
+//! makes its pyramid, and has it searched as planned.
+//!
+//! Memory: the buffers of its profile, and a flag. It lives in a `static` through
+//! `const fn new()` and is all zero there. Cost: the sum of the stages, timed by the caller's
+//! clock. Full: each stage counts what it dropped in [`Stats`].
+
+use crate::base::capacity::{Buffer, LEVELS, Room, Stage};
+use crate::detect::buffers::{Buffers, Hd, Lent, Limits, Profile, Qqvga, Qvga, Vga};
+use crate::detect::detection::Detection;
+use crate::detect::evidence::Agreement;
+use crate::detect::finder::{Corners, Finder};
+use crate::detect::observer::{Laps, Observer, Output, Stats, Tally};
+use crate::detect::plan::{Plan, Scope, Wish};
+use crate::detect::scene::{Look, Scene, span, vertices};
+use crate::detect::search::Search;
+use crate::extract::corners::SCRATCH_ROWS;
+use crate::image::frame::{Frame, FrameError, Part};
+use crate::image::pyramid::{PyramidMut, PyramidView, to_level0};
+use crate::model::parse::Model;
+
+/// Detections below this score are not reported unless the caller asks for them. The score is
+/// a probability, and the wrong detections above it are counted in the README.
+pub const DEFAULT_THRESHOLD: f32 = 0.8;
+
+/// Finds the objects of a model in frames of a profile: [`QqvgaDetector`], [`QvgaDetector`],
+/// [`VgaDetector`], [`HdDetector`]. `Detector<dyn Profile>` is any of them behind a reference.
+#[derive(Debug)]
+pub struct Detector<P: Profile + ?Sized> {
+    thorough: bool,
+    buffers: P,
+}
+
+/// Frames of up to 160 x 120 px.
+pub type QqvgaDetector = Detector<Qqvga>;
+/// Frames of up to 320 x 240 px.
+pub type QvgaDetector = Detector<Qvga>;
+/// Frames of up to 640 x 480 px.
+pub type VgaDetector = Detector<Vga>;
+/// Frames of up to 1280 x 720 px.
+pub type HdDetector = Detector<Hd>;
+
+impl<
+    const LUMA: usize,
+    const CHROMA: usize,
+    const SIDE: usize,
+    const CORNERS: usize,
+    const POINTS: usize,
+    const KEYGRAPHS: usize,
+    const BINS: usize,
+> Detector<Buffers<LUMA, CHROMA, SIDE, CORNERS, POINTS, KEYGRAPHS, BINS>>
+{
+    /// An idle detector, all zero.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { thorough: false, buffers: Buffers::new() }
+    }
+}
+
+impl<P: Profile + Default> Default for Detector<P> {
+    fn default() -> Self {
+        Self { thorough: false, buffers: P::default() }
+    }
+}
+
+impl<P: Profile + ?Sized> Detector<P> {
+    /// Whether to search all of a frame for all of a model. Otherwise the search goes on only
+    /// while something is in doubt, which takes a fifth of the time where an object is seen
+    /// plainly. Of a model of many objects each is searched for by the likeliest of its
+    /// keygraphs; of more than 16, once one has been found, only those are searched for that
+    /// a heavy candidate speaks for. Beside a large copy of an object, one under half its size
+    /// may be missed.
+    pub const fn set_thorough(&mut self, thorough: bool) {
+        self.thorough = thorough;
+    }
+
+    /// Looks for the model's objects in `frame`: all that score at least `threshold`, best
+    /// first. `observer` is asked for the time between the stages, and shown what they make.
+    ///
+    /// # Errors
+    /// [`FrameError::TooLarge`] when the frame exceeds the profile.
+    pub fn detect(
+        &mut self,
+        frame: &Frame<'_>,
+        model: &Model<'_>,
+        threshold: f32,
+        observer: &mut dyn Observer,
+    ) -> Result<&[Detection], FrameError> {
+        self.run(frame, model, threshold, observer, None)
+    }
+
+    /// Looks for the model's objects in `frame` by keypoints and triples from elsewhere.
+    ///
+    /// # Errors
+    /// [`FrameError::TooLarge`] when the frame exceeds the profile.
+    pub fn detect_with(
+        &mut self,
+        frame: &Frame<'_>,
+        model: &Model<'_>,
+        threshold: f32,
+        observer: &mut dyn Observer,
+        finder: &mut dyn Finder,
+    ) -> Result<&[Detection], FrameError> {
+        self.run(frame, model, threshold, observer, Some(finder))
+    }
+
+    fn run(
+        &mut self,
+        frame: &Frame<'_>,
+        model: &Model<'_>,
+        threshold: f32,
+        observer: &mut dyn Observer,
+        finder: Option<&mut dyn Finder>,
+    ) -> Result<&[Detection], FrameError> {
+        let limits = self.buffers.limits();
+        let plan =
+            Plan::new(Scope::from(model), model.method().parameters(), Wish { threshold, thorough: self.thorough });
+        detect(self.buffers.lend(), limits, frame, model, &plan, observer, finder)?;
+        #[cfg(feature = "defmt")]
+        self.log(model);
+        Ok(self.detections())
+    }
+
+    /// Takes in the luma of a part of `frame`, which becomes the [`Detector::frame`], and looks
+    /// for nothing; `observer` is asked for the time between the stages.
+    pub(crate) fn load_luma(
+        &mut self,
+        frame: &Frame<'_>,
+        part: &Part,
+        observer: &mut dyn Observer,
+    ) -> Result<(), FrameError> {
+        let limits = self.buffers.limits();
+        let Lent { mut pyramid, tally, .. } = cleared(self.buffers.lend());
+        check(frame, limits, &pyramid)?;
+        let start = observer.now();
+        pyramid.load_luma(frame, part);
+        let loaded = observer.now();
+        pyramid.reduce_luma();
+        let ticks = &mut tally.stats.ticks;
+        ticks[Stage::Convert as usize] = loaded.wrapping_sub(start);
+        ticks[Stage::Pyramid as usize] = observer.now().wrapping_sub(loaded);
+        Ok(())
+    }
+
+    /// The last frame, or the part of it that was taken in.
+    pub(crate) fn frame(&self) -> PyramidView<'_> {
+        self.buffers.show().pyramid
+    }
+
+    /// The largest frame that fits.
+    #[must_use]
+    pub fn limits(&self) -> Limits {
+        self.buffers.limits()
+    }
+
+    /// Bytes and capacity of each buffer, in the order of [`Buffer::ALL`].
+    #[must_use]
+    pub fn rooms(&self) -> [Room; Buffer::COUNT] {
+        self.buffers.rooms()
+    }
+
+    /// What was found in the last frame.
+    #[must_use]
+    pub fn detections(&self) -> &[Detection] {
+        &self.buffers.show().findings.detections
+    }
+
+    /// What the stages did with the last frame.
+    #[must_use]
+    pub fn stats(&self) -> &Stats {
+        &self.buffers.show().tally.stats
+    }
+
+    /// Maximum number of elements that each buffer held while the last frame was searched, in
+    /// the order of [`Buffer::ALL`].
+    #[must_use]
+    pub fn high_water(&self) -> &[u32; Buffer::COUNT] {
+        &self.buffers.show().tally.high_water
+    }
+
+    /// The corners of the last frame, frame px.
+    pub fn corners(&self) -> impl Iterator<Item = [f32; 2]> + '_ {
+        let s = self.buffers.show();
+        (0..LEVELS).flat_map(move |l| s.points[span(s.spans, l)].iter().map(move |&p| to_level0(p, l)))
+    }
+
+    /// The triangles of the last frame that were classified, frame px.
+    pub fn keygraphs(&self) -> impl Iterator<Item = [[f32; 2]; 3]> + '_ {
+        let s = self.buffers.show();
+        s.keygraphs.iter().map(move |k| vertices(s.points, k).map(|(_, p)| p))
+    }
+
+    /// The triangles of the last frame that agree with a detection, frame px.
+    pub fn supporters<'a>(
+        &'a self,
+        model: &'a Model<'_>,
+        detection: &'a Detection,
+    ) -> impl Iterator<Item = [[f32; 2]; 3]> + 'a {
+        let (s, agrees) = (self.buffers.show(), Agreement::new(detection));
+        s.votes.iter().filter_map(move |v| {
+            let to = vertices(s.points, &s.keygraphs[usize::from(v.frame_keygraph)]).map(|(_, p)| p);
+            agrees.holds(model, v, to).then_some(to)
+        })
+    }
+
+    /// One line a stage, and one a detection.
+    #[cfg(feature = "defmt")]
+    fn log(&self, model: &Model<'_>) {
+        for (stage, s) in Stage::ALL.iter().zip(&self.stats().stages) {
+            defmt::debug!("{=str}: seen {} kept {} dropped {}", stage.name(), s.seen, s.kept, s.dropped);
+        }
+        for d in self.detections() {
+            let name = model.object(usize::from(d.object)).name;
+            defmt::debug!("found {=str}, score {}, corners {}", name, d.score, d.corners);
+        }
+    }
+}
+
+/// The buffers without what the frame before left in them.
+fn cleared(lent: Lent<'_>) -> Lent<'_> {
+    *lent.tally = Tally::EMPTY;
+    lent.findings.detections.clear();
+    lent.points.clear();
+    *lent.spans = [(0, 0); LEVELS];
+    lent.keygraphs.clear();
+    lent.votes.clear();
+    lent
+}
+
+/// Whether a frame fits.
+fn check(frame: &Frame<'_>, limits: Limits, pyramid: &PyramidMut<'_>) -> Result<(), FrameError> {
+    let (w, h) = (frame.width(), frame.height());
+    let (pixels, side) = (w * h, w.max(h));
+    if side > limits.side || !pyramid.fits(w, h) {
+        return Err(FrameError::TooLarge { pixels, max_pixels: limits.pixels, side, max_side: limits.side });
+    }
+    Ok(())
+}
+
+/// From a frame to detections, top to bottom: luma and chroma, their pyramid, the coarse
+/// levels, the steps of the plan.
+fn detect(
+    lent: Lent<'_>,
+    limits: Limits,
+    frame: &Frame<'_>,
+    model: &Model<'_>,
+    plan: &Plan,
+    observer: &mut dyn Observer,
+    finder: Option<&mut dyn Finder>,
+) -> Result<(), FrameError> {
+    let lent = cleared(lent);
+    check(frame, limits, &lent.pyramid)?;
+    let Lent { mut pyramid, scratch, mesh, corners, points, triples, keygraphs, features, spans, .. } = lent;
+    let Lent { votes, bins, pairs, findings, tally, .. } = lent;
+    let mut laps = Laps::new(observer);
+    pyramid.load(frame)?;
+    laps.end(tally, Output::Planes(pyramid.view()));
+    pyramid.reduce();
+    let pyramid = pyramid.into_view();
+    let luma = (0..LEVELS).map(|l| pyramid.luma(l).width() * pyramid.luma(l).height()).sum();
+    let chroma = (0..LEVELS).flat_map(|l| pyramid.chroma(l)).map(|c| c.width() * c.height()).sum();
+    tally.mark(Buffer::Luma, luma);
+    tally.mark(Buffer::Chroma, chroma);
+    tally.mark(Buffer::CornerRows, SCRATCH_ROWS * frame.width());
+    laps.end(tally, Output::Levels(pyramid));
+
+    let mut ours = Corners { rules: model.method().parameters(), scratch, mesh };
+    let finder: &mut dyn Finder = match finder {
+        Some(other) => other,
+        None => &mut ours,
+    };
+    let scene = Scene { pyramid, points, spans, keygraphs, features, corners, triples, coarse: 0, has_finest: false };
+    let look = Look { model, finder, tally, laps: &mut laps };
+    Search { look, scene, votes, bins, pairs, findings }.run(plan);
+    Ok(())
+}

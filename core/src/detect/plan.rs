@@ -1,0 +1,299 @@
+//! What is searched in which order, and when the search may stop.
+//!
+//! In: what a model holds, its method, and what the caller wishes. Out: steps, in rounds. A
+//! step names a part of the model (a tier) and a part of the frame (some levels), says under
+//! which condition it is taken, and what is believed after it. A plan knows no frame: it is a
+//! pure function, computed step by step.
+//!
+//! A model with lists is searched in one round, for all objects at once; any other model, and
+//! a thorough search, in a round for each object.
+//!
+//! Memory: [`Plan`], 40 bytes; one [`Step`] at a time. Cost: a few operations a step.
+
+use crate::base::capacity::id;
+use crate::model::method::{Bar, Lists, MatchRule, Parameters};
+use crate::model::parse::{Model, Tier};
+
+/// What a plan depends on in a model.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Scope {
+    /// How many objects it has.
+    pub objects: usize,
+    /// Whether it has lists of the likeliest keygraphs of all objects.
+    pub lists: bool,
+    /// Whether its objects have second tiers.
+    pub second_tiers: bool,
+}
+
+impl From<&Model<'_>> for Scope {
+    fn from(model: &Model<'_>) -> Self {
+        Self { objects: model.objects(), lists: model.has_lists(), second_tiers: model.has_second_tiers() }
+    }
+}
+
+/// What the caller wishes of a search.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Wish {
+    /// Minimum score of a detection.
+    pub threshold: f32,
+    /// Whether all of the frame is searched for all of the model, come what may.
+    pub thorough: bool,
+}
+
+/// The levels of the frame that a step looks at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Levels {
+    /// All levels above the finest: a quarter of the pixels.
+    Coarse,
+    /// The finest level.
+    Finest,
+}
+
+/// When a step is taken. Where it is not, its round ends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum When {
+    /// In any case.
+    Always,
+    /// While nothing has been found of what the step looks for, or while a candidate of at
+    /// least this weight is open: it lies where nothing has been found.
+    InDoubt(u32),
+}
+
+/// When votes become supporters of what has been found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Settle {
+    /// Never: nothing else is searched for.
+    Never,
+    /// After each round; the open votes of the round are dropped then.
+    AfterRound,
+    /// After each decision, which is repeated with the votes that are still open for as long as
+    /// it finds something.
+    AfterDecision,
+}
+
+/// One step of a search.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Step {
+    /// The keygraphs of the model that are compared.
+    pub tier: Tier,
+    /// The keygraphs of the frame that are compared.
+    pub levels: Levels,
+    /// The condition under which the step is taken.
+    pub when: When,
+    /// What counts as a match.
+    pub matching: MatchRule,
+    /// What is believed once the step's votes are cast; `None` to only cast them.
+    pub decide: Option<Bar>,
+}
+
+/// The order of the steps over all objects at once.
+const LISTED: [(Tier, Levels); 4] = [
+    (Tier::Shortlist, Levels::Coarse),
+    (Tier::Shortlist, Levels::Finest),
+    (Tier::Longlist, Levels::Coarse),
+    (Tier::Longlist, Levels::Finest),
+];
+
+/// A search, planned.
+#[derive(Clone, Copy, Debug)]
+pub struct Plan {
+    scope: Scope,
+    rules: &'static Parameters,
+    wish: Wish,
+}
+
+impl Plan {
+    /// The plan for a model of this scope, searched by these rules.
+    #[must_use]
+    pub const fn new(scope: Scope, rules: &'static Parameters, wish: Wish) -> Self {
+        Self { scope, rules, wish }
+    }
+
+    /// The rules of the lists, where they are searched.
+    const fn lists(&self) -> Option<&'static Lists> {
+        if self.scope.lists && !self.wish.thorough { self.rules.lists.as_ref() } else { None }
+    }
+
+    /// How many rounds there are. What was found in one is known in the next.
+    #[must_use]
+    pub const fn rounds(&self) -> usize {
+        if self.lists().is_some() { 1 } else { self.scope.objects }
+    }
+
+    /// When votes become supporters.
+    #[must_use]
+    pub const fn settle(&self) -> Settle {
+        match self.lists() {
+            Some(_) => Settle::AfterDecision,
+            None if self.scope.objects > 1 => Settle::AfterRound,
+            None => Settle::Never,
+        }
+    }
+
+    /// Step `i` of a round, `None` when there are no more.
+    #[must_use]
+    pub fn step(&self, round: usize, i: usize) -> Option<Step> {
+        match self.lists() {
+            Some(lists) => self.step_over_all(lists, i),
+            None => self.step_for_one(id(round), i),
+        }
+    }
+
+    /// The steps for all objects at once, by more and more of the lists and of the frame. Of
+    /// many objects, once one has been found, the others are only searched for where a heavy
+    /// candidate speaks for them.
+    fn step_over_all(&self, lists: &Lists, i: usize) -> Option<Step> {
+        let &(tier, levels) = LISTED.get(i)?;
+        let objects = self.scope.objects;
+        let mut matching = self.rules.matching;
+        if let Some(list) = tier.list()
+            && objects > lists.few
+        {
+            matching.max_bits = lists.shares[list].max_bits[usize::from(objects > lists.many)];
+            matching.max_marks = lists.shares[list].max_marks;
+        }
+        let last = i + 1 == LISTED.len();
+        let bar = if last { self.bar_of_lists(lists) } else { self.first_bar() };
+        let always = i == 0 || objects <= lists.few;
+        let when = if always { When::Always } else { When::InDoubt(lists.doubt) };
+        Some(Step { tier, levels, when, matching, decide: Some(bar) })
+    }
+
+    /// The steps for one object, by more and more of the model and of the frame.
+    fn step_for_one(&self, object: u16, i: usize) -> Option<Step> {
+        let (first, second) = (Tier::First(object), Tier::Second(object));
+        let (tiers, n) = if self.scope.second_tiers { ([first, second], 2) } else { ([first; 2], 1) };
+        let levels = *[Levels::Coarse, Levels::Finest].get(i / n)?;
+        let last = i + 1 == 2 * n;
+        let thorough = self.wish.thorough;
+        let when = if i == 0 || thorough { When::Always } else { When::InDoubt(self.rules.doubt[i / n]) };
+        let decide = match last {
+            true => Some(Bar { score: self.wish.threshold, ..Bar::NONE }),
+            false => (!thorough).then(|| self.first_bar()),
+        };
+        Some(Step { tier: tiers[i % n], levels, when, matching: self.rules.matching, decide })
+    }
+
+    /// What is believed while more could still be searched.
+    fn first_bar(&self) -> Bar {
+        let bar = self.rules.first_pass;
+        Bar { score: self.wish.threshold.max(bar.score), ..bar }
+    }
+
+    /// What is believed after the last of the lists: the odds of the threshold times a number
+    /// that grows with the objects, since with many there is more to be wrong about.
+    fn bar_of_lists(&self, lists: &Lists) -> Bar {
+        let wanted = self.wish.threshold;
+        let odds = (lists.odds * self.scope.objects as f32).max(1.0);
+        let score = odds * wanted / (1.0 + (odds - 1.0) * wanted);
+        Bar { weight: self.rules.voting.min_weight, score: wanted.max(score), ..Bar::NONE }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::method::Method;
+    use std::format;
+    use std::string::String;
+    use std::vec::Vec;
+
+    const ONE: Scope = Scope { objects: 1, lists: false, second_tiers: true };
+
+    /// The steps of a round as a table, a line each: tier, levels, condition, bits and marks
+    /// that may differ, and minimum weight, score, heavy weight and support.
+    fn table(scope: Scope, method: Method, wish: Wish, round: usize) -> Vec<String> {
+        let plan = Plan::new(scope, method.parameters(), wish);
+        let line = |s: Step| {
+            let bar = s.decide.map_or("-".into(), |b| format!("{} {:.3} {} {}", b.weight, b.score, b.heavy, b.support));
+            let MatchRule { max_bits, max_marks, .. } = s.matching;
+            format!("{:?} {:?} {:?} | {max_bits} {max_marks} | {bar}", s.tier, s.levels, s.when)
+        };
+        (0..).map_while(|i| plan.step(round, i)).map(line).collect()
+    }
+
+    fn plan(scope: Scope, thorough: bool) -> Plan {
+        Plan::new(scope, Method::Keygraph.parameters(), Wish { threshold: 0.8, thorough })
+    }
+
+    const WISH: Wish = Wish { threshold: 0.8, thorough: false };
+    const THOROUGH: Wish = Wish { thorough: true, ..WISH };
+
+    #[test]
+    fn one_object_is_searched_by_more_and_more_while_in_doubt() {
+        assert_eq!(
+            table(ONE, Method::Keygraph, WISH, 0),
+            [
+                "First(0) Coarse Always | 6 18 | 12 0.990 100 16",
+                "Second(0) Coarse InDoubt(12) | 6 18 | 12 0.990 100 16",
+                "First(0) Finest InDoubt(24) | 6 18 | 12 0.990 100 16",
+                "Second(0) Finest InDoubt(24) | 6 18 | 0 0.800 0 0",
+            ]
+        );
+        assert_eq!(
+            table(Scope { second_tiers: false, ..ONE }, Method::Keygraph, Wish { threshold: 0.995, ..WISH }, 0),
+            ["First(0) Coarse Always | 6 18 | 12 0.995 100 16", "First(0) Finest InDoubt(24) | 6 18 | 0 0.995 0 0",]
+        );
+    }
+
+    #[test]
+    fn a_thorough_search_takes_every_step_and_decides_once() {
+        assert_eq!(
+            table(Scope { objects: 3, lists: true, second_tiers: true }, Method::Keygraph, THOROUGH, 2),
+            [
+                "First(2) Coarse Always | 6 18 | -",
+                "Second(2) Coarse Always | 6 18 | -",
+                "First(2) Finest Always | 6 18 | -",
+                "Second(2) Finest Always | 6 18 | 0 0.800 0 0",
+            ]
+        );
+    }
+
+    #[test]
+    fn the_paper_looks_at_the_finest_level_and_believes_the_fullest_bin() {
+        assert_eq!(
+            table(Scope { second_tiers: false, ..ONE }, Method::Paper, WISH, 0),
+            ["First(0) Coarse Always | 24 64 | 0 0.800 0 0", "First(0) Finest InDoubt(0) | 24 64 | 0 0.800 0 0",]
+        );
+    }
+
+    #[test]
+    fn few_objects_are_all_searched_for_to_the_end() {
+        assert_eq!(
+            table(Scope { objects: 16, lists: true, second_tiers: true }, Method::Keygraph, WISH, 0),
+            [
+                "Shortlist Coarse Always | 6 18 | 12 0.990 100 16",
+                "Shortlist Finest Always | 6 18 | 12 0.990 100 16",
+                "Longlist Coarse Always | 6 18 | 12 0.990 100 16",
+                "Longlist Finest Always | 6 18 | 8 0.941 0 0",
+            ]
+        );
+    }
+
+    #[test]
+    fn of_many_objects_the_rest_is_searched_for_while_in_doubt() {
+        let scope = |objects| Scope { objects, lists: true, second_tiers: true };
+        assert_eq!(
+            table(scope(17), Method::Keygraph, WISH, 0),
+            [
+                "Shortlist Coarse Always | 3 16 | 12 0.990 100 16",
+                "Shortlist Finest InDoubt(20) | 3 16 | 12 0.990 100 16",
+                "Longlist Coarse InDoubt(20) | 4 16 | 12 0.990 100 16",
+                "Longlist Finest InDoubt(20) | 4 16 | 8 0.944 0 0",
+            ]
+        );
+        let thousand = table(scope(1000), Method::Keygraph, WISH, 0);
+        assert_eq!(thousand[0], "Shortlist Coarse Always | 2 16 | 12 0.990 100 16");
+        assert_eq!(thousand[3], "Longlist Finest InDoubt(20) | 4 16 | 8 0.999 0 0");
+    }
+
+    #[test]
+    fn rounds_and_settling_follow_from_the_scope() {
+        let scope = |objects, lists| Scope { objects, lists, second_tiers: true };
+        let of = |scope, thorough| (plan(scope, thorough).rounds(), plan(scope, thorough).settle());
+        assert_eq!(of(scope(1, false), false), (1, Settle::Never));
+        assert_eq!(of(scope(5, false), false), (5, Settle::AfterRound));
+        assert_eq!(of(scope(5, true), false), (1, Settle::AfterDecision));
+        assert_eq!(of(scope(5, true), true), (5, Settle::AfterRound), "a thorough search leaves the lists alone");
+    }
+}

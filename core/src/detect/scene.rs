@@ -1,0 +1,168 @@
+//! What a frame shows, level by level: keypoints, keygraphs and their features.
+//!
+//! In: the pyramid of a frame, and a [`Finder`]. Out: the keygraphs of the levels that were
+//! asked for, with their features. The levels above the finest come first, and are a quarter
+//! of the pixels; the finest follows when a search asks for it.
+//!
+//! Memory: borrowed buffers. Cost: that of the stages `corners`, `delaunay`, `keygraphs` and
+//! `features`. Full: each stage keeps what came first, and counts what it dropped.
+
+use core::ops::Range;
+
+use heapless::VecView;
+
+use crate::base::capacity::{Buffer, LEVELS, Stage, StageStats, count, id};
+use crate::base::geometry::Point;
+use crate::detect::finder::Finder;
+use crate::detect::observer::{Laps, Output, Tally};
+use crate::detect::plan::Levels;
+use crate::extract::corners::Corner;
+use crate::extract::delaunay::Triple;
+use crate::extract::feature::{Feature, extract};
+use crate::extract::keygraph::{Keygraph, collect_keygraphs};
+use crate::image::pyramid::{PyramidView, to_level0};
+use crate::model::parse::Model;
+
+/// The level whose pixels are three in four of all: searched last.
+const FINEST: usize = 0;
+
+/// Where the keypoints of each level start and end among all keypoints.
+pub(crate) type Spans = [(u16, u16); LEVELS];
+
+/// The keypoints of one level, as a range of indices.
+pub(crate) fn span(spans: &Spans, level: usize) -> Range<usize> {
+    let (start, end) = spans[level];
+    usize::from(start)..usize::from(end)
+}
+
+/// The vertices of a keygraph: their indices, and their places in level 0, px.
+pub(crate) fn vertices(points: &[Point], k: &Keygraph) -> [(u16, [f32; 2]); 3] {
+    k.vertices.map(|v| (v, to_level0(points[usize::from(v)], usize::from(k.level))))
+}
+
+/// What is needed to look at a level.
+pub(crate) struct Look<'a, 'o> {
+    pub(crate) model: &'a Model<'a>,
+    pub(crate) finder: &'a mut dyn Finder,
+    pub(crate) tally: &'a mut Tally,
+    pub(crate) laps: &'a mut Laps<'o>,
+}
+
+/// What a frame shows.
+pub(crate) struct Scene<'a> {
+    pub(crate) pyramid: PyramidView<'a>,
+    /// Keypoints of all levels, in the order in which the levels were looked at.
+    pub(crate) points: &'a mut VecView<Point>,
+    pub(crate) spans: &'a mut Spans,
+    /// Keygraphs of all levels, in the same order.
+    pub(crate) keygraphs: &'a mut VecView<Keygraph>,
+    /// The features of the keygraphs, one for each.
+    pub(crate) features: &'a mut [Feature],
+    /// Corners and triples of the level that is being looked at.
+    pub(crate) corners: &'a mut VecView<Corner>,
+    pub(crate) triples: &'a mut VecView<Triple>,
+    /// Keygraphs of the coarse levels, which come first.
+    pub(crate) coarse: usize,
+    /// Whether the finest level has been looked at.
+    pub(crate) has_finest: bool,
+}
+
+impl Scene<'_> {
+    /// Looks at the levels above the finest.
+    pub(crate) fn find_coarse(&mut self, look: &mut Look<'_, '_>) {
+        for level in FINEST + 1..LEVELS {
+            self.find_level(level, look);
+        }
+        self.extract_features(0, look);
+        self.coarse = self.keygraphs.len();
+    }
+
+    /// The keygraphs of some levels, as a range of indices; looks at the finest level when it
+    /// is asked for first.
+    pub(crate) fn keygraphs_of(&mut self, levels: Levels, look: &mut Look<'_, '_>) -> Range<usize> {
+        if levels == Levels::Coarse {
+            return 0..self.coarse;
+        }
+        if !self.has_finest {
+            self.has_finest = true;
+            self.find_level(FINEST, look);
+            self.extract_features(self.coarse, look);
+        }
+        self.coarse..self.keygraphs.len()
+    }
+
+    /// Finds the keygraphs of a level.
+    fn find_level(&mut self, level: usize, look: &mut Look<'_, '_>) {
+        self.find_keypoints(level, look);
+        look.laps.end(look.tally, Output::Corners(&self.points[span(self.spans, level)]));
+        self.find_triples(level, look);
+        look.laps.end(look.tally, Output::Triangles(self.triples));
+        let first = self.keygraphs.len();
+        self.find_keygraphs(level, look);
+        look.laps.end(look.tally, Output::Keygraphs(&self.keygraphs[first..]));
+    }
+
+    #[inline(never)]
+    fn find_keypoints(&mut self, level: usize, look: &mut Look<'_, '_>) {
+        self.corners.clear();
+        let (start, tally) = (self.points.len(), &mut *look.tally);
+        let luma = self.pyramid.luma(level);
+        if luma.width().min(luma.height()) >= 8 {
+            let mut stats = look.finder.keypoints(luma, level, self.corners);
+            let held = self.corners.capacity().min(stats.seen as usize).max(self.corners.len());
+            tally.mark(Buffer::Corners, held);
+            tally.mark(Buffer::Triangulation, self.corners.len());
+            let room = self.points.capacity() - self.points.len();
+            let lost = self.corners.len().saturating_sub(room);
+            // As many as fit.
+            self.points.extend(self.corners.iter().take(room).map(|c| c.point));
+            stats.kept = stats.kept.saturating_sub(count(lost));
+            stats.dropped += count(lost);
+            tally.add(Stage::Corners, stats);
+        }
+        tally.mark(Buffer::Keypoints, self.points.len());
+        self.spans[level] = (id(start), id(self.points.len()));
+    }
+
+    #[inline(never)]
+    fn find_triples(&mut self, level: usize, look: &mut Look<'_, '_>) {
+        self.triples.clear();
+        let stats = look.finder.triples(&self.points[span(self.spans, level)], self.triples);
+        look.tally.mark(Buffer::Triples, self.triples.len());
+        look.tally.add(Stage::Delaunay, stats);
+    }
+
+    fn find_keygraphs(&mut self, level: usize, look: &mut Look<'_, '_>) {
+        let range = span(self.spans, level);
+        let (first, n) = (id(range.start), id(range.len()));
+        // A foreign finder may err; a triple of what is not there is no triple.
+        self.triples.retain(|t| t.iter().all(|&v| v < n));
+        let rule = &look.model.method().parameters().scalene;
+        let level = u8::try_from(level).unwrap_or(0);
+        let stats = collect_keygraphs(&self.points[range], self.triples, rule, first, level, self.keygraphs);
+        look.tally.mark(Buffer::Keygraphs, self.keygraphs.len());
+        look.tally.mark(Buffer::Features, self.keygraphs.len());
+        look.tally.add(Stage::Keygraphs, stats);
+    }
+
+    /// Extracts the features of the keygraphs from `first` on.
+    #[inline(never)]
+    fn extract_features(&mut self, first: usize, look: &mut Look<'_, '_>) {
+        let model = look.model;
+        for (k, f) in self.keygraphs.iter().zip(&mut *self.features).skip(first) {
+            let points = k.vertices.map(|v| self.points[usize::from(v)]);
+            *f = extract(
+                &self.pyramid,
+                usize::from(k.level),
+                points,
+                k.size,
+                model.feature(),
+                model.method().sampling(),
+            );
+        }
+        let n = count(self.keygraphs.len() - first);
+        look.tally.add(Stage::Features, StageStats { seen: n, kept: n, dropped: 0 });
+        let features = &self.features[first..self.keygraphs.len()];
+        look.laps.end(look.tally, Output::Features(features, model.feature_bytes()));
+    }
+}

@@ -1,0 +1,316 @@
+//! The search of a frame: one loop over the steps of a plan.
+//!
+//! In: a frame's pyramid, a model, a [`Plan`]. Out: detections, best score first. A step
+//! gathers the votes of some keygraphs of the frame for some keygraphs of the model; a decision
+//! turns the open votes into candidates, grows and aligns each, and keeps those that enough
+//! speaks for; settling tells the votes of what has been found from those that are open.
+//!
+//! Memory: borrowed buffers. No stage is inlined, so that the stack holds what one of them
+//! needs, not what they need together. Cost: the sum of the stages. Full: each stage counts
+//! what it dropped.
+
+use core::ops::Range;
+
+use heapless::{Vec, VecView};
+
+use crate::base::capacity::{Buffer, CANDIDATES, DETECTIONS, Stage, StageStats, count, id};
+use crate::base::geometry::{Homography, Point};
+use crate::base::math;
+use crate::base::sort::sort_by_key;
+use crate::detect::align::{appearance, refine};
+use crate::detect::classify::{Match, NEIGHBOURS, classify};
+use crate::detect::detection::Detection;
+use crate::detect::evidence::{accept, is_found, settle, weigh};
+use crate::detect::hough::{Bin, Candidate, find_candidates};
+use crate::detect::observer::Output;
+use crate::detect::plan::{Plan, Settle, Step, When};
+use crate::detect::pose::{Normalised, PRIORS, Pair, Prior, collect_pairs, count_agreeing, grow, start};
+use crate::detect::scene::{Look, Scene, vertices};
+use crate::detect::verify::likeness;
+use crate::detect::vote::{Vote, Votes, cast};
+use crate::extract::feature::FeatureKind;
+use crate::image::pyramid::PyramidView;
+use crate::model::method::Bar;
+use crate::model::parse::{Model, Object, View};
+
+/// Blocks that agree from which on a pose is not grown a second time.
+const CONVINCING: f32 = 8.0;
+
+/// Keygraphs that are matched before their matches are verified.
+pub(crate) const CHUNK: usize = 16;
+
+/// Matches of a chunk of keygraphs, each with its keygraph.
+pub(crate) type Matches = Vec<(u16, Match), { CHUNK * NEIGHBOURS }>;
+
+/// Buffers whose size no profile changes.
+#[derive(Debug)]
+pub struct Findings {
+    pub(crate) matches: Matches,
+    pub(crate) candidates: Vec<Candidate, CANDIDATES>,
+    pub(crate) detections: Vec<Detection, DETECTIONS>,
+}
+
+impl Findings {
+    pub(crate) const EMPTY: Self = Self { matches: Vec::new(), candidates: Vec::new(), detections: Vec::new() };
+}
+
+/// A search that goes on.
+pub(crate) struct Search<'a, 'o> {
+    pub(crate) look: Look<'a, 'o>,
+    pub(crate) scene: Scene<'a>,
+    pub(crate) votes: &'a mut Votes<VecView<Vote>>,
+    pub(crate) bins: &'a mut [Bin],
+    pub(crate) pairs: &'a mut VecView<Pair>,
+    pub(crate) findings: &'a mut Findings,
+}
+
+impl Search<'_, '_> {
+    /// Takes the steps of a plan.
+    pub(crate) fn run(&mut self, plan: &Plan) {
+        self.scene.find_coarse(&mut self.look);
+        for round in 0..plan.rounds() {
+            // The weight of the heaviest candidate that the last decision left open.
+            let mut open = None;
+            for i in 0.. {
+                let Some(step) = plan.step(round, i) else { break };
+                if !self.is_wanted(&step, open) {
+                    break;
+                }
+                self.gather_votes(&step);
+                if let Some(bar) = &step.decide {
+                    open = self.decide(bar, plan.settle());
+                }
+            }
+            if plan.settle() == Settle::AfterRound {
+                self.settle();
+                self.votes.drop_open();
+            }
+        }
+    }
+
+    /// Whether a step is taken, after a decision that left `open` as its heaviest candidate.
+    fn is_wanted(&self, step: &Step, open: Option<u32>) -> bool {
+        match step.when {
+            When::Always => true,
+            When::InDoubt(weight) => {
+                let sought = |d: &Detection| step.tier.object().is_none_or(|o| o == d.object);
+                !self.findings.detections.iter().any(sought) || open.is_some_and(|open| open >= weight)
+            }
+        }
+    }
+
+    /// Finds the matches of a step, and casts their votes.
+    fn gather_votes(&mut self, step: &Step) {
+        let keygraphs = self.scene.keygraphs_of(step.levels, &mut self.look);
+        for first in keygraphs.clone().step_by(CHUNK) {
+            self.find_matches(step, first..keygraphs.end.min(first + CHUNK));
+            self.look.laps.end(self.look.tally, Output::Matches(&self.findings.matches));
+            let first = self.votes.all().len();
+            self.cast_votes();
+            self.look.laps.end(self.look.tally, Output::Votes(&self.votes.all()[first..]));
+        }
+    }
+
+    /// Matches a chunk of keygraphs.
+    #[inline(never)]
+    fn find_matches(&mut self, step: &Step, chunk: Range<usize>) {
+        let Self { scene, findings: Findings { matches, detections, .. }, look, .. } = self;
+        matches.clear();
+        let seen = count(chunk.len());
+        for i in chunk {
+            let k = &scene.keygraphs[i];
+            let at = vertices(scene.points, k)[0].1;
+            if step.tier.object().is_some_and(|o| is_found(detections, o, at)) {
+                continue;
+            }
+            let nearest = classify(look.model, step.tier, k, &scene.features[i], &step.matching);
+            // They fit: a keygraph has at most NEIGHBOURS of them.
+            matches.extend(nearest.into_iter().flatten().map(|m| (id(i), m)));
+        }
+        look.tally.add(Stage::Classify, StageStats { seen, kept: count(matches.len()), dropped: 0 });
+    }
+
+    /// Casts the votes of the matches whose surroundings look alike.
+    #[inline(never)]
+    fn cast_votes(&mut self) {
+        let Self { scene, votes, findings: Findings { matches, .. }, look, .. } = self;
+        let (model, rules) = (look.model, look.model.method().parameters());
+        let gray = model.feature() == FeatureKind::Luma;
+        let mut stats = StageStats { seen: count(matches.len()), ..StageStats::default() };
+        for &(i, m) in matches.iter() {
+            let to = vertices(scene.points, &scene.keygraphs[usize::from(i)]).map(|(_, p)| p);
+            let (v, from) = model.keygraph(m.keygraph as usize);
+            let (v, from) = (model.view(v), from.map(Point::px));
+            let o = model.object(usize::from(v.object));
+            let weight = match rules.verify {
+                Some(least) => weight_of(&scene.pyramid, &o, &v, &from, &to, gray, least),
+                None => Some(1),
+            };
+            let Some(v) = weight.and_then(|w| cast(&o, &v, m, i, from, to, w)) else { continue };
+            match votes.cast(v) {
+                Ok(()) => stats.kept += 1,
+                Err(_) => stats.dropped += 1,
+            }
+        }
+        look.tally.mark(Buffer::Votes, votes.all().len());
+        look.tally.add(Stage::Verify, stats);
+    }
+
+    /// Turns open votes into detections. Returns the weight of the heaviest candidate that lies
+    /// where nothing has been found.
+    fn decide(&mut self, bar: &Bar, when_to_settle: Settle) -> Option<u32> {
+        loop {
+            let known = self.findings.detections.len();
+            // A keygraph counts once in a bin: its votes have to stand together.
+            sort_by_key(self.votes.open_mut(), |v| (v.frame_keygraph, v.model_keygraph));
+            self.find_candidates();
+            self.look.laps.end(self.look.tally, Output::Candidates(&self.findings.candidates));
+            let Findings { candidates, detections, .. } = &mut *self.findings;
+            candidates.retain(|c| !is_found(detections, c.object, c.pose.centre));
+            self.examine(bar);
+            if when_to_settle != Settle::AfterDecision {
+                break;
+            }
+            self.settle();
+            if self.findings.detections.len() <= known {
+                break;
+            }
+        }
+        let Findings { candidates, detections, .. } = &*self.findings;
+        let open = candidates.iter().filter(|c| !is_found(detections, c.object, c.pose.centre));
+        open.map(|c| c.weight).max()
+    }
+
+    /// Finds the poses that most open votes speak for.
+    #[inline(never)]
+    fn find_candidates(&mut self) {
+        let rules = self.look.model.method().parameters();
+        let candidates = &mut self.findings.candidates;
+        let stats = find_candidates(self.votes.open(), &rules.voting, self.bins, candidates);
+        candidates.truncate(rules.candidates);
+        self.look.tally.add(Stage::Vote, stats);
+        self.look.tally.mark(Buffer::Bins, self.bins.iter().filter(|b| !b.is_free()).count());
+    }
+
+    /// Makes poses of the candidates, and keeps those that enough speaks for.
+    fn examine(&mut self, bar: &Bar) {
+        let (model, rules) = (self.look.model, self.look.model.method().parameters());
+        for i in 0..self.findings.candidates.len() {
+            let candidate = self.findings.candidates[i];
+            if candidate.weight < bar.weight {
+                break;
+            }
+            if rules.grow {
+                let (map, start) = self.find_pairs(&candidate);
+                let enough = |d: &Detection| candidate.weight >= bar.heavy || d.appearance.support >= bar.support;
+                if let Some(mut d) = self.find_pose(&candidate, &map, &start).filter(enough) {
+                    d.agreeing = count_agreeing(&map, self.pairs, &d.homography);
+                    let d = weigh(&self.scene, self.votes, model, d);
+                    self.accept(d, bar.score);
+                }
+            } else {
+                self.accept(similar(model, &candidate), bar.score);
+            }
+            self.look.laps.end(self.look.tally, Output::Detections(&self.findings.detections));
+        }
+    }
+
+    /// Grows and aligns a candidate by each prior until one convinces; the pose that most blocks
+    /// agree with.
+    fn find_pose(&mut self, candidate: &Candidate, map: &Normalised, start: &Homography) -> Option<Detection> {
+        let support = |d: &Option<Detection>| d.map_or(-1.0, |d| d.appearance.support);
+        let mut best: Option<Detection> = None;
+        for prior in PRIORS {
+            let grown = self.grow(candidate.object, map, start, prior);
+            self.look.laps.end(self.look.tally, Output::Grown(grown.as_ref()));
+            let aligned = grown.and_then(|d| self.align(d));
+            self.look.laps.end(self.look.tally, Output::Aligned(aligned.as_ref()));
+            if support(&aligned) > support(&best) {
+                best = aligned;
+            }
+            if support(&best) >= CONVINCING {
+                break;
+            }
+        }
+        best
+    }
+
+    /// Gathers the vertex pairs near a candidate. Returns the coordinates that they are in, and
+    /// the pose to grow from.
+    #[inline(never)]
+    fn find_pairs(&mut self, candidate: &Candidate) -> (Normalised, Homography) {
+        let (scene, model, votes) = (&self.scene, self.look.model, self.votes.all());
+        let corners = |i: u16| vertices(scene.points, &scene.keygraphs[usize::from(i)]);
+        let start = start(model, candidate, votes);
+        let (map, lost) = collect_pairs(model, candidate, &start, votes, corners, self.pairs);
+        let stats = self.look.tally.of(Stage::Pose);
+        stats.seen += 1;
+        stats.dropped += lost.dropped;
+        self.look.tally.mark(Buffer::Pairs, self.pairs.len());
+        (map, start)
+    }
+
+    /// Grows a candidate over its pairs; `None` when that leads nowhere, or to what has been
+    /// found.
+    #[inline(never)]
+    fn grow(&mut self, object: u16, map: &Normalised, start: &Homography, prior: Prior) -> Option<Detection> {
+        let homography = grow(start, map, self.pairs, prior)?;
+        self.look.tally.of(Stage::Pose).kept += 1;
+        let d = Detection {
+            agreeing: count_agreeing(map, self.pairs, &homography),
+            ..Detection::at(self.look.model, object, &homography)
+        };
+        let known = self.findings.detections.iter().any(|t| d.is_twin(t) && t.agreeing >= d.agreeing);
+        (d.is_plausible() && !known).then_some(d)
+    }
+
+    /// Aligns a grown pose with the frame; `None` when that is hopeless.
+    #[inline(never)]
+    fn align(&mut self, d: Detection) -> Option<Detection> {
+        self.look.tally.of(Stage::Accept).seen += 1;
+        let o = self.look.model.object(usize::from(d.object));
+        let (view, w, h) = (&self.scene.pyramid, o.width as f32, o.height as f32);
+        let aligned = refine(view, &o.template, &d.homography, w, h)?;
+        let appearance = appearance(view, &o.template, &aligned, w, h);
+        Some(Detection { appearance, ..Detection::at(self.look.model, d.object, &aligned) })
+    }
+
+    /// Keeps a detection if it is likely enough and the best at its place.
+    fn accept(&mut self, d: Detection, threshold: f32) {
+        let lost = accept(&mut self.findings.detections, d, threshold);
+        let stats = self.look.tally.of(Stage::Accept);
+        stats.dropped += u32::from(lost);
+        stats.kept = count(self.findings.detections.len());
+    }
+
+    fn settle(&mut self) {
+        settle(self.votes, &self.scene, &self.findings.detections, self.look.model);
+    }
+}
+
+/// A candidate as it is: the paper.
+fn similar(model: &Model<'_>, c: &Candidate) -> Detection {
+    let o = model.object(usize::from(c.object));
+    let map = Normalised::new(o.width as f32, o.height as f32, c.pose.centre, c.pose.size_px());
+    Detection {
+        votes: u16::try_from(c.weight).unwrap_or(u16::MAX),
+        score: 1.0 - 1.0 / (c.weight as f32 + 1.0),
+        ..Detection::at(model, c.object, &map.to_px(&c.pose.turn()))
+    }
+}
+
+/// How much the vote of a match counts, 1 to 16; `None` when its surroundings are
+/// less than `least` alike.
+fn weight_of(
+    frame: &PyramidView<'_>,
+    object: &Object<'_>,
+    view: &View,
+    from: &[[f32; 2]; 3],
+    to: &[[f32; 2]; 3],
+    gray: bool,
+    least: f32,
+) -> Option<u8> {
+    let to_template = object.template.from_picture(object.width as f32, object.height as f32).after(&view.to_picture);
+    let l = likeness(frame, &object.template, &from.map(|p| to_template.apply_affine(p)), to, gray);
+    (l >= least).then(|| u8::try_from(math::round(1.0 + 15.0 * (l - least) / (2.0 - least))).unwrap_or(1))
+}

@@ -1,0 +1,464 @@
+//! Shi-Tomasi corners ("good features to track"), computed row by row.
+//!
+//! In: a luma plane. Out: corners in 1/16 px, in no particular order. The
+//! strength of a pixel is twice the smaller eigenvalue of `[[a, b], [b, c]]`,
+//! sums over its 3x3 block of products of 3x3 Sobel derivatives:
+//! `a + c - sqrt((a - c)^2 + 4 b^2)` (J. Shi, C. Tomasi, *Good Features to
+//! Track*, CVPR 1994). The sums are integers below 2^24, which `f32` holds
+//! exactly; it is taken because all processors have its multiplication in their
+//! vector units. Borders mirror without repeating the edge, the outermost pixels
+//! hold no corner, and a corner is a pixel that no neighbour exceeds: OpenCV's
+//! `goodFeaturesToTrack`. Its place is then refined by a parabola through the
+//! strengths beside it, where those below the threshold so far count as none.
+//!
+//! Memory: [`SCRATCH_ROWS`] rows of `f32` and 12 bytes a candidate. Cost: one
+//! pass over the pixels, some 100 operations each, written so that compilers
+//! make vectors of them. Full: the weaker half of the candidates is dropped and
+//! counted, and the threshold rises to the weakest that is left.
+
+use heapless::VecView;
+
+use crate::base::capacity::{StageStats, count};
+use crate::base::geometry::Point;
+use crate::base::math::{self, VECTORS, max, min};
+use crate::base::sort::sort_by_key;
+use crate::image::pyramid::Plane;
+
+/// Rows of `f32`, each as long as the image is wide, that [`detect_corners`]
+/// works in.
+pub const SCRATCH_ROWS: usize = 15;
+
+/// A corner of one pyramid level.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Corner {
+    /// Position in its level, 1/16 px.
+    pub point: Point,
+    /// Twice the smaller eigenvalue of the integer structure tensor.
+    pub strength: i32,
+    /// Squared distance, in (1/16 px)^2, to the nearest clearly stronger
+    /// corner; 0 until [`rank`](crate::extract::rank) has set it.
+    pub radius2: u32,
+}
+
+/// What counts as a corner.
+#[derive(Clone, Copy, Debug)]
+pub struct CornerParams {
+    /// Least strength as a fraction of the strongest corner's, in 1/65536.
+    /// OpenCV's `qualityLevel`, usually 0.01 (655). Raising it loses corners in
+    /// the duller parts of a frame.
+    pub quality_q16: u32,
+    /// Least strength whatever the strongest corner: below it noise makes
+    /// corners. 20,000 is a step of about 12 gray levels seen from its corner.
+    pub floor: i32,
+    /// Corners nearer than this to the edge are left out, px; at least 1.
+    pub margin_px: usize,
+}
+
+/// The smaller eigenvalue of `[[a, b], [b, c]]`, times two, good to a millionth of
+/// the larger one.
+#[must_use]
+pub fn strength(a: f32, b: f32, c: f32) -> f32 {
+    let (d, e) = (a - c, 2.0 * b);
+    let v = a + c - math::coarse_sqrt(d * d + e * e);
+    if v > 0.0 { v } else { 0.0 }
+}
+
+/// Where row or column `i` of a mirrored border lies: -1 is 1, `n` is `n - 2`.
+const fn mirror(i: isize, n: usize) -> usize {
+    let n = n.cast_signed();
+    let i = if i < 0 { -i } else { i };
+    (if i >= n { 2 * n - 2 - i } else { i }).cast_unsigned()
+}
+
+/// Sobel derivatives of the middle row as products `dx dx`, `dx dy`, `dy dy`.
+#[cfg_attr(feature = "dispatch", multiversion::multiversion(targets("x86_64+avx2")))]
+fn products([top, mid, low]: [&[u8]; 3], [xx, xy, yy]: &mut [&mut [f32]; 3]) {
+    let n = mid.len() - 2;
+    // Each pixel and its neighbours as slices of one length: no bounds to check.
+    let [[t0, t1, t2], [m0, _, m2], [l0, l1, l2]] = [top, mid, low].map(|row| [0, 1, 2].map(|d| &row[d..][..n]));
+    let (ix, iy, iz) = (&mut xx[1..][..n], &mut xy[1..][..n], &mut yy[1..][..n]);
+    for i in 0..n {
+        let p = |row: &[u8]| i16::from(row[i]);
+        let dx = p(t2) - p(t0) + 2 * (p(m2) - p(m0)) + p(l2) - p(l0);
+        let dy = p(l0) - p(t0) + 2 * (p(l1) - p(t1)) + p(l2) - p(t2);
+        let (dx, dy) = (f32::from(dx), f32::from(dy));
+        (ix[i], iy[i], iz[i]) = (dx * dx, dx * dy, dy * dy);
+    }
+    for (x, beside) in [(0, 1), (n + 1, n)] {
+        let slope = |x: usize| f32::from(i16::from(low[x]) - i16::from(top[x]));
+        let dy = 2.0 * (slope(beside) + slope(x));
+        (xx[x], xy[x], yy[x]) = (0.0, 0.0, dy * dy);
+    }
+}
+
+/// Sums over each pixel and its two neighbours in the row.
+#[cfg_attr(feature = "dispatch", multiversion::multiversion(targets("x86_64+avx2")))]
+fn sum3(p: &[f32], out: &mut [f32]) {
+    let w = p.len();
+    out[0] = p[0] + 2.0 * p[1];
+    out[w - 1] = p[w - 1] + 2.0 * p[w - 2];
+    let n = w - 2;
+    let (l, m, r, out) = (&p[..n], &p[1..][..n], &p[2..][..n], &mut out[1..][..n]);
+    for i in 0..n {
+        out[i] = l[i] + m[i] + r[i];
+    }
+}
+
+/// The sums over each pixel of the middle row and its two neighbours of the products `dx dx`,
+/// `dy dy`, `dx dy`, one pixel after the other: what a column adds is kept for the next two.
+fn sums_one_by_one([top, mid, low]: [&[u8]; 3], out: &mut [f32]) {
+    let (out, _) = out.as_chunks_mut::<3>();
+    let n = mid.len();
+    // What a column adds to the derivatives along and across the row.
+    let sums = |[t, m, l]: [i32; 3]| (t + 2 * m + l, l - t);
+    let column = |x: usize| sums([top[x], mid[x], low[x]].map(i32::from));
+    let product = |dx: i32, dy: i32| {
+        let (dx, dy) = (dx as f32, dy as f32);
+        [dx * dx, dy * dy, dx * dy]
+    };
+    let plus = |a: [f32; 3], b: [f32; 3]| [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
+    let [(first, slope), second, third] = [0, 1, 2].map(column);
+    // Borders mirror: the first pixel has the second on both sides.
+    let p = product(0, 2 * (slope + second.1));
+    let mut last = product(third.0 - first, slope + 2 * second.1 + third.1);
+    let mut pair = plus(p, last);
+    let (head, rest) = out.split_at_mut(1);
+    head[0] = plus(pair, last);
+    let (mut before, mut here) = (second, third);
+    let mut add = |[t, m, l]: [u8; 3], out: &mut [f32; 3]| {
+        let next = sums([t, m, l].map(i32::from));
+        let p = product(next.0 - before.0, before.1 + 2 * here.1 + next.1);
+        *out = plus(pair, p);
+        (pair, last) = (plus(last, p), p);
+        (before, here) = (here, next);
+    };
+    // Two at a time: less is moved from one name to another.
+    let [top, mid, low] = [top, mid, low].map(|row| row[3..n].as_chunks::<2>());
+    let (twos, ends) = rest.split_at_mut(2 * top.0.len());
+    for (((t, m), l), out) in top.0.iter().zip(mid.0).zip(low.0).zip(twos.as_chunks_mut::<2>().0) {
+        add([t[0], m[0], l[0]], &mut out[0]);
+        add([t[1], m[1], l[1]], &mut out[1]);
+    }
+    for (((t, m), l), out) in top.1.iter().zip(mid.1).zip(low.1).zip(&mut *ends) {
+        add([*t, *m, *l], out);
+    }
+    let p = product(0, 2 * (before.1 + here.1));
+    rest[n - 3] = plus(pair, p);
+    rest[n - 2] = plus(p, plus(last, last));
+}
+
+/// Numbers that are looked at together.
+pub(crate) const LANES: usize = 8;
+
+/// Strengths of a row from the sums in the rows around it; what is below `cut`
+/// may be 0. Returns the greatest.
+#[cfg_attr(feature = "dispatch", multiversion::multiversion(targets("x86_64+avx2")))]
+fn strengths(sums: [&[f32]; 3], cut: f32, out: &mut [f32]) -> f32 {
+    if !VECTORS {
+        return strengths_one_by_one(sums.map(|s| s.as_chunks().0), cut, out);
+    }
+    let w = out.len();
+    let [[a0, b0, c0], [a1, b1, c1], [a2, b2, c2]] = sums.map(|s| [0, 1, 2].map(|i| &s[i * w..][..w]));
+    for x in 0..w {
+        let (a, b, c) = (a0[x] + a1[x] + a2[x], b0[x] + b1[x] + b2[x], c0[x] + c1[x] + c2[x]);
+        // The smaller eigenvalue is at most the smaller diagonal element.
+        let least = 2.0 * min(a, c);
+        let v = strength(a, b, c);
+        out[x] = if least < cut { 0.0 } else { v };
+    }
+    let (chunks, rest) = out.as_chunks::<LANES>();
+    let mut most = [0.0; LANES];
+    for chunk in chunks {
+        most = core::array::from_fn(|i| max(most[i], chunk[i]));
+    }
+    most.iter().chain(rest).fold(0.0, |m, &v| max(m, v))
+}
+
+/// The same of the sums that [`sums_one_by_one`] makes.
+fn strengths_one_by_one([above, here, below]: [&[[f32; 3]]; 3], cut: f32, out: &mut [f32]) -> f32 {
+    let mut most = 0.0;
+    for (out, ((p, q), r)) in out.iter_mut().zip(above.iter().zip(here).zip(below)) {
+        let sum = |i: usize| p[i] + q[i] + r[i];
+        *out = 0.0;
+        let a = sum(0);
+        if a < cut / 2.0 {
+            continue;
+        }
+        let c = sum(1);
+        if c < cut / 2.0 {
+            continue;
+        }
+        *out = strength(a, sum(2), c);
+        most = max(most, *out);
+    }
+    most
+}
+
+/// Finds the corners of `luma`, in no particular order: rank them next.
+///
+/// `scratch` needs [`SCRATCH_ROWS`] times the width; `out` is cleared first. Its
+/// capacity bounds the candidates.
+///
+/// # Panics
+/// When `scratch` is too short or the image has a side under 3 px.
+pub fn detect_corners(
+    luma: Plane<'_, u8>,
+    params: &CornerParams,
+    scratch: &mut [f32],
+    out: &mut VecView<Corner>,
+) -> StageStats {
+    let (w, h) = (luma.width(), luma.height());
+    let mut stats = StageStats::default();
+    let mut strongest = 0.0;
+    let mut cut = params.floor.max(1) as f32;
+    out.clear();
+
+    let mut rows = scratch[..SCRATCH_ROWS * w].chunks_exact_mut(3 * w);
+    let mut take = || rows.next().unwrap_or_default();
+    let mut raw = thirds(take());
+    // Row y of the sums and of the strengths lies in slot y % 3.
+    let sums = [take(), take(), take()];
+    let ring = thirds(take());
+
+    let mut next = 0;
+    for y in 0..h {
+        while next <= (y + 1).min(h - 1) {
+            let around = [-1, 0, 1].map(|d| luma.row(mirror(next.cast_signed() + d, h)));
+            if VECTORS {
+                products(around, &mut raw);
+                for (p, s) in raw.iter().zip(sums[next % 3].chunks_exact_mut(w)) {
+                    sum3(p, s);
+                }
+            } else {
+                sums_one_by_one(around, sums[next % 3]);
+            }
+            next += 1;
+        }
+        let sums = [-1, 0, 1].map(|d| &*sums[mirror(y.cast_signed() + d, h) % 3]);
+        strongest = max(strongest, strengths(sums, cut, ring[y % 3]));
+        cut = max(cut, strongest * (params.quality_q16 as f32 / 65536.0));
+        let margin = params.margin_px.max(1);
+        if y < margin + 1 || y > h - margin {
+            continue;
+        }
+        let around = [y - 2, y - 1, y].map(|r| &*ring[r % 3]);
+        let mut take = |x: usize| {
+            if (whole(around[1][x]) as f32) < cut {
+                return;
+            }
+            stats.seen += 1;
+            let corner = corner_at(around, x, y - 1);
+            if out.push(corner).is_err() {
+                cut = max(cut, drop_weaker_half(out, &mut stats) as f32);
+                if (corner.strength as f32) < cut || out.push(corner).is_err() {
+                    stats.dropped += 1;
+                }
+            }
+        };
+        if VECTORS {
+            for first in (margin..w - margin).step_by(STRIP) {
+                let mut peaks = [0; STRIP];
+                let end = (first + STRIP).min(w - margin);
+                find_peaks(around.map(|row| &row[first - 1..=end]), &mut peaks);
+                for (words, word) in peaks.as_chunks().0.iter().enumerate() {
+                    let mut word = u64::from_le_bytes(*word);
+                    while word != 0 {
+                        take(first + LANES * words + word.trailing_zeros() as usize / 8);
+                        word &= word - 1;
+                    }
+                }
+            }
+        } else {
+            let [left, here, right] = beside(around);
+            let (mut x, end) = (margin - 1, w - 1 - margin);
+            // Most are 0.
+            while let Some(next) = here[1][x.min(end)..end].iter().position(|v| v.to_bits() != 0) {
+                x += next;
+                let v = here[1][x];
+                // What follows one that is not exceeded by it is no peak.
+                let falls = v >= right[1][x];
+                let across = || v > here[0][x] && v >= here[2][x];
+                let aslant = || v > left[0][x] && v > right[0][x] && v >= left[2][x] && v >= right[2][x];
+                if falls && v > left[1][x] && across() && aslant() {
+                    take(x + 1);
+                }
+                x += 1 + usize::from(falls);
+            }
+        }
+    }
+    out.retain(|c| c.strength as f32 >= cut);
+    stats.kept = count(out.len());
+    stats
+}
+
+/// Pixels of a row that are looked at for peaks together.
+const STRIP: usize = 16 * LANES;
+
+/// Whether no neighbour exceeds the strength of a pixel of the middle row (of equals the first
+/// in reading order wins), 1 or 0 for all but its first and last.
+#[cfg_attr(feature = "dispatch", multiversion::multiversion(targets("x86_64+avx2")))]
+fn find_peaks(around: [&[f32]; 3], out: &mut [u8; STRIP]) {
+    let [[t0, m0, l0], [t1, m1, l1], [t2, m2, l2]] = beside(around);
+    for (i, out) in out.iter_mut().enumerate().take(m1.len()) {
+        let v = m1[i];
+        let before = max(max(t0[i], t1[i]), max(t2[i], m0[i]));
+        let after = max(max(l0[i], l1[i]), max(l2[i], m2[i]));
+        *out = u8::from((v > before) & (v >= after));
+    }
+}
+
+/// Rows from their first pixel on, from their second and from their third: what lies left of a
+/// pixel, the pixel, and what lies right of it.
+fn beside(rows: [&[f32]; 3]) -> [[&[f32]; 3]; 3] {
+    let n = rows[1].len() - 2;
+    [0, 1, 2].map(|d| rows.map(|row| &row[d..][..n]))
+}
+
+/// Three rows.
+fn thirds(rows: &mut [f32]) -> [&mut [f32]; 3] {
+    let (a, rest) = rows.split_at_mut(rows.len() / 3);
+    let (b, c) = rest.split_at_mut(a.len());
+    [a, b, c]
+}
+
+/// A strength as corners have it.
+#[allow(clippy::cast_possible_truncation, reason = "strengths are below 2^25")]
+const fn whole(strength: f32) -> i32 {
+    strength as i32
+}
+
+/// The corner at `x` of the middle row, a local maximum.
+fn corner_at([top, mid, low]: [&[f32]; 3], x: usize, y: usize) -> Corner {
+    let at = |i: usize, d: i16| i16::try_from(i).unwrap_or(i16::MAX / 16).saturating_mul(16).saturating_add(d);
+    let point = Point::new(at(x, vertex(mid[x - 1], mid[x], mid[x + 1])), at(y, vertex(top[x], mid[x], low[x])));
+    Corner { point, strength: whole(mid[x]), radius2: 0 }
+}
+
+/// Where the parabola through `l`, `v`, `r` at -1, 0, 1 has its top, in 1/16;
+/// within half a pixel.
+#[allow(clippy::cast_possible_truncation, reason = "clamped")]
+fn vertex(l: f32, v: f32, r: f32) -> i16 {
+    let bend = 2.0 * v - l - r;
+    if bend > 0.0 { ((r - l) * 8.0 / bend).clamp(-7.0, 7.0) as i16 } else { 0 }
+}
+
+/// Keeps the stronger half and returns the weakest strength that is left.
+fn drop_weaker_half(corners: &mut VecView<Corner>, stats: &mut StageStats) -> i32 {
+    let half = corners.len() / 2;
+    if half == 0 {
+        return i32::MAX;
+    }
+    sort_by_key(corners, by_strength);
+    stats.dropped += count(corners.len() - half);
+    corners.truncate(half);
+    corners[half - 1].strength
+}
+
+/// Strongest first; of equals the one that comes first in reading order. One number, since
+/// sorting compares little else.
+pub(crate) fn by_strength(c: &Corner) -> u64 {
+    let [strength, y, x] =
+        [c.strength, i32::from(c.point.y), i32::from(c.point.x)].map(i32::cast_unsigned).map(u64::from);
+    (u64::from(u32::MAX) - strength) << 32 | y << 16 | x
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use heapless::Vec;
+
+    /// Draws a map of `.` (dark) and `#` (bright) and marks the corners found.
+    fn corner_map(picture: &[&str]) -> std::vec::Vec<std::string::String> {
+        let (w, h) = (picture[0].len(), picture.len());
+        let data: std::vec::Vec<u8> =
+            picture.iter().flat_map(|r| r.bytes().map(|b| if b == b'#' { 200 } else { 40 })).collect();
+        let mut out: Vec<Corner, 64> = Vec::new();
+        let mut scratch = std::vec![0.0; SCRATCH_ROWS * w];
+        let params = CornerParams { quality_q16: 655 * 20, floor: 1, margin_px: 1 };
+        detect_corners(Plane::new(&data, w, h).unwrap(), &params, &mut scratch, &mut out);
+        let mut map: std::vec::Vec<std::vec::Vec<u8>> = picture.iter().map(|r| r.bytes().collect()).collect();
+        for c in &out {
+            map[((c.point.y + 8) >> 4) as usize][((c.point.x + 8) >> 4) as usize] = b'o';
+        }
+        map.into_iter().map(|r| std::string::String::from_utf8(r).unwrap()).collect()
+    }
+
+    #[test]
+    fn a_square_has_four_corners_and_a_stripe_has_none() {
+        let square = [
+            "................",
+            "................",
+            "................",
+            "....########....",
+            "....########....",
+            "....########....",
+            "....########....",
+            "....########....",
+            "................",
+            "................",
+            "................",
+        ];
+        let found = corner_map(&square);
+        let want = [
+            "................",
+            "................",
+            "................",
+            "....o######o....",
+            "....########....",
+            "....########....",
+            "....########....",
+            "....o######o....",
+            "................",
+            "................",
+            "................",
+        ];
+        assert_eq!(
+            found,
+            want,
+            "
+found:
+{}
+wanted:
+{}",
+            found.join("\n"),
+            want.join("\n")
+        );
+        let stripe = ["....####....."; 9];
+        assert_eq!(corner_map(&stripe), stripe);
+    }
+
+    #[test]
+    fn strength_is_the_smaller_eigenvalue_doubled() {
+        for (a, b, c, want) in [(9.0, 0.0, 4.0, 8.0), (10.0, 10.0, 10.0, 0.0), (5.0, 2.0, 2.0, 2.0 /* of 6 and 1 */)] {
+            let got = strength(a, b, c);
+            assert!((got - want).abs() < 1e-3, "{got} for {want}");
+        }
+        let most = 9.0 * 1020.0 * 1020.0;
+        assert_eq!(strength(most, 0.0, most), 2.0 * most);
+    }
+
+    #[test]
+    fn a_full_buffer_keeps_the_strongest_and_counts_the_rest() {
+        // Isolated dots, each brighter than the one before it.
+        let (w, h) = (120, 16);
+        let mut data = std::vec![20u8; w * h];
+        for i in 0..14 {
+            for (dx, dy) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
+                data[(7 + dy) * w + 6 + 8 * i + dx] = 60 + 12 * i as u8;
+            }
+        }
+        let mut scratch = std::vec![0.0; SCRATCH_ROWS * w];
+        let params = CornerParams { quality_q16: 0, floor: 1000, margin_px: 1 };
+        let mut run = |out: &mut VecView<Corner>| {
+            let s = detect_corners(Plane::new(&data, w, h).unwrap(), &params, &mut scratch, out);
+            sort_by_key(out, by_strength);
+            s
+        };
+        let (mut all, mut few): (Vec<Corner, 256>, Vec<Corner, 8>) = (Vec::new(), Vec::new());
+        let (s, t) = (run(&mut all), run(&mut few));
+        assert_eq!((s.dropped, s.kept, s.seen), (0, s.seen, s.seen));
+        assert!(t.dropped > 0 && t.kept <= 8 && t.kept + t.dropped <= t.seen);
+        assert_eq!(few[..], all[..few.len()], "the strongest are kept");
+    }
+}

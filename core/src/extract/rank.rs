@@ -1,0 +1,367 @@
+//! The order of corners: strongest first, or most widely spaced first.
+//!
+//! In: the corners of a level. Out: the same in order, as many as wanted.
+//!
+//! Memory: what the caller lends, three numbers for each corner and one for each 16 x 16 px.
+//! Cost: a sort, and the nearest clearly stronger corner of each. Full: those that come last
+//! are dropped and counted.
+
+use core::cmp::Reverse;
+
+use heapless::VecView;
+
+use crate::base::capacity::{StageStats, count};
+use crate::base::geometry::Point;
+use crate::base::math::{VECTORS, min};
+use crate::base::sort::sort_by_key;
+use crate::extract::corners::{Corner, LANES, by_strength};
+
+/// Orders corners strongest first and, where two lie nearer than
+/// `min_distance_px`, keeps the stronger: the plain ranking of OpenCV. At most
+/// `limit` are left; those beyond, far enough from the others, count as dropped.
+pub fn rank_by_strength(corners: &mut VecView<Corner>, min_distance_px: u16, limit: usize, stats: &mut StageStats) {
+    sort_by_key(corners, by_strength);
+    let least2 = i64::from(min_distance_px).pow(2);
+    let pixel = |p: Point| Point::new((p.x + 8) >> 4, (p.y + 8) >> 4);
+    let mut kept = 0;
+    for i in 0..corners.len() {
+        let c = corners[i];
+        let near = |k: &Corner| pixel(k.point).distance2(pixel(c.point)) < least2;
+        if corners[..kept].iter().any(near) {
+            continue;
+        }
+        if kept < limit {
+            corners[kept] = c;
+            kept += 1;
+        } else {
+            stats.dropped += 1;
+        }
+    }
+    corners.truncate(kept);
+    stats.kept = count(kept);
+}
+
+/// Orders corners by suppression radius, the distance to the nearest corner
+/// that is stronger even after a discount of a tenth: each prefix then covers
+/// the image evenly (M. Brown, R. Szeliski, S. Winder, *Multi-Image Matching
+/// using Multi-Scale Oriented Patches*, CVPR 2005). At most `limit` are left;
+/// what is cut off is counted as dropped.
+///
+/// `scratch` needs three numbers for each corner and one for each 16 x 16 px. Cost: the stronger
+/// corners around each, as far as the nearest; a corner is given up as soon as it is nearer to one than
+/// `limit` others are to theirs.
+///
+/// # Panics
+/// When `scratch` is shorter.
+pub fn rank_by_radius(corners: &mut VecView<Corner>, limit: usize, scratch: &mut [f32], stats: &mut StageStats) {
+    sort_by_key(corners, by_strength);
+    let mut reach = Reach::new(limit);
+    if VECTORS {
+        let mut list = List::new(corners.len(), scratch);
+        set_radii(corners, &mut reach, &mut list);
+    } else {
+        let mut grid = Grid::new(corners, scratch);
+        set_radii(corners, &mut reach, &mut grid);
+    }
+    let all = corners.len();
+    corners.retain(|c| c.radius2 >= reach.least);
+    sort_by_key(corners, |c| (Reverse(c.radius2), by_strength(c)));
+    corners.truncate(limit);
+    stats.dropped += count(all - corners.len());
+    stats.kept = count(corners.len());
+}
+
+/// Sets the suppression radius of corners, strongest first.
+fn set_radii(corners: &mut [Corner], reach: &mut Reach, others: &mut impl Nearest) {
+    let mut stronger = 0;
+    for i in 0..corners.len() {
+        // Strengths fall, so the clearly stronger ones come first, and become no fewer.
+        let least = i64::from(corners[i].strength) * 10;
+        while stronger < i && i64::from(corners[stronger].strength) * 9 >= least {
+            others.put(stronger, corners[stronger].point);
+            stronger += 1;
+        }
+        corners[i].radius2 = others.nearest2(corners, corners[i].point, reach.least);
+        reach.add(corners[i].radius2);
+    }
+}
+
+/// Corners of which the nearest to a place is sought.
+trait Nearest {
+    /// Puts in the `i`th corner: one after the other.
+    fn put(&mut self, i: usize, p: Point);
+
+    /// Squared distance of a place to the nearest of those that have been put in; anything below
+    /// `least` if that is.
+    fn nearest2(&self, corners: &[Corner], p: Point, least: u32) -> u32;
+}
+
+/// Corners in a list, which vectors go through, with the last of each neighbourhood apart: most
+/// places are near to one.
+struct List<'a> {
+    xs: &'a mut [f32],
+    ys: &'a mut [f32],
+    n: usize,
+    cells: Cells<'a>,
+}
+
+impl<'a> List<'a> {
+    fn new(most: usize, scratch: &'a mut [f32]) -> Self {
+        let (xs, rest) = scratch.split_at_mut(most);
+        let (ys, cells) = rest.split_at_mut(most);
+        Self { xs, ys, n: 0, cells: Cells::new(cells) }
+    }
+}
+
+impl Nearest for List<'_> {
+    fn put(&mut self, i: usize, p: Point) {
+        let [x, y] = [p.x, p.y].map(f32::from);
+        (self.xs[i], self.ys[i], self.n) = (x, y, i + 1);
+        self.cells.put([x, y]);
+    }
+
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "squares of 16 bits, or saturating")]
+    fn nearest2(&self, _: &[Corner], p: Point, least: u32) -> u32 {
+        let place = [p.x, p.y].map(f32::from);
+        if self.cells.is_near(place, least as f32) {
+            return 0;
+        }
+        let mut near = [f32::MAX; 4 * LANES];
+        let (xs, ys) = (&self.xs[..self.n], &self.ys[..self.n]);
+        for (xs, ys) in xs.chunks(near.len()).zip(ys.chunks(near.len())) {
+            nearer2(&mut near, place, xs, ys);
+        }
+        // Of floats that are not below 0 the least has the least bits.
+        let bits = near.iter().fold(i32::MAX, |least, d| least.min(d.to_bits().cast_signed()));
+        f32::from_bits(bits.cast_unsigned()) as u32
+    }
+}
+
+/// Lowers squared distances to those of other places. Not inlined: sums in registers would
+/// not become vectors.
+#[inline(never)]
+fn nearer2(near: &mut [f32], place: [f32; 2], xs: &[f32], ys: &[f32]) {
+    for ((near, u), v) in near.iter_mut().zip(xs).zip(ys) {
+        *near = min(*near, distance2(place, [*u, *v]));
+    }
+}
+
+fn distance2([x, y]: [f32; 2], [u, v]: [f32; 2]) -> f32 {
+    (u - x) * (u - x) + (v - y) * (v - y)
+}
+
+/// The last place put into each cell of a grid, which repeats itself.
+struct Cells<'a> {
+    places: &'a mut [[f32; 2]],
+    rows: usize,
+}
+
+impl<'a> Cells<'a> {
+    /// 1/16 px that a cell is wide, in bits, and cells in a row; the next is the first again.
+    const SIZE: u32 = 8;
+    const ROW: usize = 32;
+
+    /// As many rows as there is room for.
+    fn new(scratch: &'a mut [f32]) -> Self {
+        let (places, _) = scratch.as_chunks_mut();
+        let rows = (places.len() / Self::ROW).checked_ilog2().map_or(0, |bits| 1 << bits);
+        let places = &mut places[..rows * Self::ROW];
+        places.fill([f32::MAX; 2]);
+        Self { places, rows }
+    }
+
+    #[allow(clippy::cast_possible_truncation, reason = "16 bits")]
+    fn cell([x, y]: [f32; 2]) -> [usize; 2] {
+        [x, y].map(|v| (v as i32 >> Self::SIZE).cast_unsigned() as usize)
+    }
+
+    /// Where a cell is kept.
+    fn index(&self, [x, y]: [usize; 2]) -> usize {
+        (y & self.rows.wrapping_sub(1)).wrapping_mul(Self::ROW) + (x & (Self::ROW - 1))
+    }
+
+    fn put(&mut self, place: [f32; 2]) {
+        let at = self.index(Self::cell(place));
+        if let Some(kept) = self.places.get_mut(at) {
+            *kept = place;
+        }
+    }
+
+    /// Whether one in this cell or those around it is nearer than the root of `least`.
+    fn is_near(&self, place: [f32; 2], least: f32) -> bool {
+        const AROUND: [[u8; 2]; 9] = [[1, 1], [1, 0], [0, 1], [2, 1], [1, 2], [0, 0], [2, 0], [0, 2], [2, 2]];
+        let [column, row] = Self::cell(place).map(|v| v.wrapping_sub(1));
+        AROUND.iter().any(|&[right, down]| {
+            let at = self.index([column.wrapping_add(right.into()), row.wrapping_add(down.into())]);
+            self.places.get(at).is_some_and(|&kept| distance2(place, kept) < least)
+        })
+    }
+}
+
+/// Corners by the cells of a grid in which they lie, for those who look at one at a time.
+/// Numbers of corners count from 1; 0 is none.
+struct Grid<'a> {
+    /// The last of each cell, row by row.
+    last: &'a mut [f32],
+    /// The one before each in its cell.
+    before: &'a mut [f32],
+    columns: usize,
+    rows: usize,
+}
+
+impl<'a> Grid<'a> {
+    /// 1/16 px that a cell is wide, in bits.
+    const SIZE: u32 = 8;
+
+    /// For these corners, with none in it.
+    fn new(corners: &[Corner], scratch: &'a mut [f32]) -> Self {
+        let most = corners.iter().fold([0; 2], |m: [usize; 2], c| {
+            let [x, y] = Self::cell(c.point);
+            [m[0].max(x), m[1].max(y)]
+        });
+        let [columns, rows] = most.map(|v| v + 1);
+        let (last, rest) = scratch.split_at_mut(columns * rows);
+        last.fill(0.0);
+        Self { last, before: &mut rest[..corners.len()], columns, rows }
+    }
+
+    fn cell(p: Point) -> [usize; 2] {
+        [p.x, p.y].map(|v| usize::try_from(v >> Self::SIZE).unwrap_or(0))
+    }
+}
+
+impl Nearest for Grid<'_> {
+    fn put(&mut self, i: usize, p: Point) {
+        let [x, y] = Self::cell(p);
+        let last = &mut self.last[y * self.columns + x];
+        self.before[i] = *last;
+        *last = count(i + 1) as f32;
+    }
+
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "whole numbers")]
+    fn nearest2(&self, corners: &[Corner], p: Point, least: u32) -> u32 {
+        let ([column, row], place) = (Self::cell(p), [p.x, p.y].map(f32::from));
+        let mut near = f32::MAX;
+        // Cells around the place, then those around them.
+        for ring in 0..self.columns.max(self.rows) {
+            for y in row.saturating_sub(ring)..(row + ring + 1).min(self.rows) {
+                let whole = y.abs_diff(row) == ring;
+                let cells = &self.last[y * self.columns..][..self.columns];
+                let columns = column.saturating_sub(ring)..(column + ring + 1).min(self.columns);
+                for (x, cell) in columns.clone().zip(&cells[columns]) {
+                    if !whole && x.abs_diff(column) != ring {
+                        continue;
+                    }
+                    let mut number = *cell as usize;
+                    while number > 0 {
+                        // In floats as a list does it: far ones are rounded.
+                        let q = corners[number - 1].point;
+                        near = min(near, distance2(place, [q.x, q.y].map(f32::from)));
+                        number = self.before[number - 1] as usize;
+                    }
+                    if near < least as f32 {
+                        return 0;
+                    }
+                }
+            }
+            // What lies in other cells is farther.
+            let reach = (count(ring) << Self::SIZE) as f32;
+            if near <= reach * reach {
+                break;
+            }
+        }
+        near as u32
+    }
+}
+
+/// What `limit` radii reach.
+struct Reach {
+    limit: usize,
+    /// Radii by the bits that their squares have.
+    bits: [u16; 33],
+    /// At least `limit` squares are not below this, which has `low` bits.
+    least: u32,
+    low: usize,
+    /// Squares of `low` bits or more.
+    above: usize,
+}
+
+impl Reach {
+    const fn new(limit: usize) -> Self {
+        Self { limit: if limit == 0 { 1 } else { limit }, bits: [0; 33], least: 0, low: 0, above: 0 }
+    }
+
+    fn add(&mut self, radius2: u32) {
+        let bits = (u32::BITS - radius2.leading_zeros()) as usize;
+        self.bits[bits] = self.bits[bits].saturating_add(1);
+        self.above += usize::from(bits >= self.low);
+        while self.above - usize::from(self.bits[self.low]) >= self.limit {
+            self.above -= usize::from(self.bits[self.low]);
+            self.low += 1;
+            self.least = 1 << (self.low - 1);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use heapless::Vec;
+
+    /// With room for cells of none, few, or all places, the ranking is that of the definition.
+    #[test]
+    fn ranks_are_those_of_the_nearest_clearly_stronger_corner() {
+        // Miri takes a thousand times as long.
+        const ALL: usize = if cfg!(miri) { 90 } else { 900 };
+        let noise = |i: u32| (i + 1).wrapping_mul(2_654_435_761) >> 8;
+        let corner = |i: u32| Corner {
+            point: Point::new((noise(i) % 10_000) as i16, (noise(i + 5000) % 7_000) as i16),
+            strength: (noise(i + 9000) % 100_000) as i32,
+            radius2: 0,
+        };
+        let all: std::vec::Vec<Corner> = (0..ALL as u32).map(corner).collect();
+        let mut want = all.clone();
+        for c in &mut want {
+            let stronger = all.iter().filter(|s| i64::from(s.strength) * 9 >= i64::from(c.strength) * 10);
+            c.radius2 = stronger.map(|s| s.point.distance2(c.point) as u32).min().unwrap_or(u32::MAX);
+        }
+        want.sort_by_key(|c| (Reverse(c.radius2), by_strength(c)));
+        let few = 2 * ALL;
+        for (limit, scratch) in [(ALL / 4, few), (ALL / 4, few + 100), (ALL / 4, 9600), (ALL / 22, 9600), (ALL, 9600)] {
+            let mut ranked: Vec<Corner, ALL> = Vec::from_slice(&all).unwrap();
+            rank_by_radius(&mut ranked, limit, &mut std::vec![0.0; scratch], &mut StageStats::default());
+            let points = |corners: &[Corner]| corners.iter().map(|c| c.point).collect::<std::vec::Vec<_>>();
+            assert_eq!(points(&ranked), points(&want[..limit]), "{limit} of {ALL}, {scratch} numbers");
+        }
+    }
+
+    /// Boards use the one, processors with vectors the other.
+    #[test]
+    fn a_grid_gives_the_radii_of_a_list() {
+        const ALL: usize = if cfg!(miri) { 60 } else { 400 };
+        let noise = |i: usize| (i as u32 + 1).wrapping_mul(2_654_435_761) >> 8;
+        let corner = |i: usize| Corner {
+            point: Point::new((noise(i) % 20_000) as i16, (noise(i + 5000) % 12_000) as i16),
+            strength: 1_000_000 / (i as i32 + 1),
+            radius2: 0,
+        };
+        let mut listed: std::vec::Vec<Corner> = (0..ALL).map(corner).collect();
+        let mut sorted = listed.clone();
+        let (mut a, mut b) = (std::vec![0.0; 9600], std::vec![0.0; 9600]);
+        set_radii(&mut listed, &mut Reach::new(ALL), &mut List::new(ALL, &mut a));
+        let mut grid = Grid::new(&sorted, &mut b);
+        set_radii(&mut sorted, &mut Reach::new(ALL), &mut grid);
+        assert_eq!(listed, sorted);
+    }
+
+    #[test]
+    fn suppression_radius_spreads_the_corners() {
+        let corner = |x, y, strength| Corner { point: Point::new(x, y), strength, radius2: 0 };
+        let mut c: Vec<Corner, 8> =
+            Vec::from_slice(&[corner(0, 0, 100), corner(16, 0, 80), corner(32, 0, 85), corner(800, 0, 10)]).unwrap();
+        let mut stats = StageStats::default();
+        rank_by_radius(&mut c, 3, &mut [0.0; 8], &mut stats);
+        assert_eq!(c.iter().map(|c| c.point.x).collect::<std::vec::Vec<_>>(), [0, 800, 32]);
+        assert_eq!((stats.kept, stats.dropped), (3, 1));
+    }
+}

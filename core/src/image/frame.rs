@@ -1,0 +1,530 @@
+//! Raw camera buffers, checked once, and their conversion to luma and chroma.
+//!
+//! In: a borrowed buffer in one of six pixel formats. Out: full-size luma
+//! (`u8`) and two half-size planes of normalised chroma (`i8`).
+//!
+//! Luma is Y itself, or (4899 R + 9617 G + 1868 B) / 16384 (ITU-R BT.601, the
+//! rounding of the field). Chroma of a 2x2 block is the vector
+//! `(R - (G+B)/2, sqrt(3)/2 (G-B)) / max(R,G,B)`, scaled by 127: its angle is
+//! the hue, its length the saturation of HSV (to within the difference between
+//! hexagon and circle), and a change of brightness leaves it alone. A block
+//! darker than [`DARK`] has no chroma: both planes then hold [`NO_CHROMA`].
+//!
+//! Memory: none beyond the planes. Cost: one pass over the pixels.
+
+use core::ops::Range;
+
+use crate::base::math::{self, VECTORS};
+
+/// Value in both chroma planes where a block has no chroma (too dark, or the
+/// frame is gray).
+pub const NO_CHROMA: i8 = -128;
+
+/// Blocks whose brightest channel is below this (of 255) have no chroma.
+pub const DARK: i32 = 20;
+
+/// Smallest accepted side of a frame, px.
+pub const MIN_SIDE: usize = 16;
+
+/// Longest side of any frame, px, so that its size in bytes fits 32 bits. Detectors
+/// take less.
+pub const MAX_SIDE: usize = (1 << 15) - 1;
+
+/// How the pixels of a [`Frame`] lie in memory.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum PixelFormat {
+    /// 3 bytes a pixel: red, green, blue.
+    Rgb8,
+    /// 1 byte a pixel.
+    Gray8,
+    /// 4:2:2 packed, `Y0 U Y1 V`, 2 bytes a pixel; even width.
+    Yuyv,
+    /// 4:2:0, a Y plane, then interleaved U and V of half size; even sides.
+    Nv12,
+    /// 4:2:0, a Y plane, then a U and a V plane of half size; even sides.
+    I420,
+    /// 2 bytes a pixel, little endian, red in the top five bits.
+    Rgb565,
+}
+
+impl PixelFormat {
+    /// Every format, in the order of their declaration: `ALL[f as usize] == f`.
+    pub const ALL: [Self; 6] = [Self::Rgb8, Self::Gray8, Self::Yuyv, Self::Nv12, Self::I420, Self::Rgb565];
+
+    /// Bytes of a frame of `width` x `height` px, without padding.
+    #[must_use]
+    pub const fn bytes(self, width: usize, height: usize) -> usize {
+        let n = width * height;
+        match self {
+            Self::Rgb8 => 3 * n,
+            Self::Gray8 => n,
+            Self::Yuyv | Self::Rgb565 => 2 * n,
+            Self::Nv12 | Self::I420 => n + n / 2,
+        }
+    }
+}
+
+/// Why a frame was refused.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum FrameError {
+    /// The buffer does not hold exactly one frame: pass `expected` bytes
+    /// (rows without padding).
+    WrongLength {
+        /// Bytes that a frame of this size and format has.
+        expected: usize,
+        /// Bytes that were given.
+        given: usize,
+    },
+    /// The format shares chroma between columns: crop to an even width.
+    OddWidth {
+        /// The width that was given.
+        width: usize,
+    },
+    /// The format shares chroma between rows: crop to an even height.
+    OddHeight {
+        /// The height that was given.
+        height: usize,
+    },
+    /// A side is shorter than [`MIN_SIDE`]: pass a larger frame.
+    TooSmall {
+        /// Width given, px.
+        width: usize,
+        /// Height given, px.
+        height: usize,
+    },
+    /// The frame does not fit the profile's buffers: scale it down, or use a
+    /// larger profile.
+    TooLarge {
+        /// Pixels given.
+        pixels: usize,
+        /// Most pixels that fit.
+        max_pixels: usize,
+        /// Longer side given, px.
+        side: usize,
+        /// Longest side that fits, px.
+        max_side: usize,
+    },
+}
+
+impl core::fmt::Display for FrameError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match *self {
+            Self::WrongLength { expected, given } => {
+                write!(f, "the buffer has {given} bytes; a frame of this size and format has {expected}")
+            }
+            Self::OddWidth { width } => write!(f, "width {width} is odd; this format needs an even width"),
+            Self::OddHeight { height } => write!(f, "height {height} is odd; this format needs an even height"),
+            Self::TooSmall { width, height } => {
+                write!(f, "{width}x{height} is too small; each side must have at least {MIN_SIDE} px")
+            }
+            Self::TooLarge { pixels, max_pixels, side, max_side } => write!(
+                f,
+                "{pixels} pixels with a longer side of {side} px do not fit: at most {max_pixels} pixels and {max_side} px; scale it down, or use a larger profile"
+            ),
+        }
+    }
+}
+
+impl core::error::Error for FrameError {}
+
+/// A part of a frame, px.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Part {
+    pub(crate) columns: Range<usize>,
+    pub(crate) rows: Range<usize>,
+}
+
+/// One frame as the camera gave it: a view that exists is valid.
+#[derive(Clone, Copy, Debug)]
+pub struct Frame<'a> {
+    format: PixelFormat,
+    width: usize,
+    height: usize,
+    data: &'a [u8],
+}
+
+impl<'a> Frame<'a> {
+    /// Checks size and length once.
+    ///
+    /// # Errors
+    /// [`FrameError`] when a side is too small or odd where the format forbids
+    /// it, or when `data` is not exactly one frame.
+    pub const fn new(format: PixelFormat, width: usize, height: usize, data: &'a [u8]) -> Result<Self, FrameError> {
+        if width < MIN_SIDE || height < MIN_SIDE {
+            return Err(FrameError::TooSmall { width, height });
+        }
+        let side = if width > height { width } else { height };
+        if side > MAX_SIDE {
+            let pixels = width.saturating_mul(height);
+            return Err(FrameError::TooLarge { pixels, max_pixels: MAX_SIDE * MAX_SIDE, side, max_side: MAX_SIDE });
+        }
+        let (odd_width, odd_height) = match format {
+            PixelFormat::Yuyv => (!width.is_multiple_of(2), false),
+            PixelFormat::Nv12 | PixelFormat::I420 => (!width.is_multiple_of(2), !height.is_multiple_of(2)),
+            _ => (false, false),
+        };
+        if odd_width {
+            return Err(FrameError::OddWidth { width });
+        }
+        if odd_height {
+            return Err(FrameError::OddHeight { height });
+        }
+        let expected = format.bytes(width, height);
+        if data.len() != expected {
+            return Err(FrameError::WrongLength { expected, given: data.len() });
+        }
+        Ok(Self { format, width, height, data })
+    }
+
+    /// Width, px.
+    #[must_use]
+    pub const fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Height, px.
+    #[must_use]
+    pub const fn height(&self) -> usize {
+        self.height
+    }
+
+    /// How the pixels lie in memory.
+    #[must_use]
+    pub const fn format(&self) -> PixelFormat {
+        self.format
+    }
+
+    /// Luma alone: one pass over the pixels into `luma` (`width * height`).
+    ///
+    /// # Panics
+    /// Never for a slice of this length or longer.
+    pub fn convert_luma(&self, luma: &mut [u8]) {
+        luma_from(self, 0, &mut luma[..self.width * self.height]);
+    }
+
+    /// That of a part, which lies within the frame.
+    pub(crate) fn convert_luma_of(&self, part: &Part, luma: &mut [u8]) {
+        let starts = part.rows.clone().map(|y| y * self.width + part.columns.start);
+        for (start, row) in starts.zip(luma.chunks_exact_mut(part.columns.len())) {
+            luma_from(self, start, row);
+        }
+    }
+
+    /// One pass over the pixels into `luma` (`width * height`) and the chroma
+    /// planes `a` and `b` (`(width / 2) * (height / 2)` each).
+    ///
+    /// # Panics
+    /// Never for slices of these lengths or longer.
+    pub fn convert(&self, luma: &mut [u8], a: &mut [i8], b: &mut [i8]) {
+        self.convert_luma(luma);
+        chroma_from(self, a, b);
+    }
+}
+
+/// Luma of the pixels from one on, in reading order.
+#[cfg_attr(feature = "dispatch", multiversion::multiversion(targets("x86_64+avx2")))]
+fn luma_from(frame: &Frame<'_>, first: usize, luma: &mut [u8]) {
+    let (n, data) = (luma.len(), frame.data);
+    let pairs = || data[2 * first..].as_chunks::<2>().0;
+    match frame.format {
+        PixelFormat::Gray8 | PixelFormat::Nv12 | PixelFormat::I420 => luma.copy_from_slice(&data[first..][..n]),
+        PixelFormat::Yuyv => luma_from_yuyv(luma, &data[2 * first..][..2 * n]),
+        PixelFormat::Rgb8 => luma_from_rgb8(luma, &data[3 * first..][..3 * n]),
+        PixelFormat::Rgb565 => luma.iter_mut().zip(pairs()).for_each(|(y, &p)| *y = luma_of(rgb565(p))),
+    }
+}
+
+/// Fills the chroma planes.
+#[cfg_attr(feature = "dispatch", multiversion::multiversion(targets("x86_64+avx2")))]
+fn chroma_from(frame: &Frame<'_>, a: &mut [i8], b: &mut [i8]) {
+    let (w, h, data) = (frame.width, frame.height, frame.data);
+    let n = w * h;
+    match frame.format {
+        PixelFormat::Gray8 => {
+            let c = (w / 2) * (h / 2);
+            a[..c].fill(NO_CHROMA);
+            b[..c].fill(NO_CHROMA);
+        }
+        PixelFormat::Rgb8 => fill_chroma(w, h, a, b, |y| {
+            let [top, low] = rows(data, 3 * w, y).map(|row| row.as_chunks().0);
+            move |x| sums_of_rgb8([&top[x], &low[x]])
+        }),
+        PixelFormat::Rgb565 => fill_chroma(w, h, a, b, |y| {
+            let [top, low] = rows(data, 2 * w, y).map(|row| row.as_chunks().0);
+            move |x| {
+                let [p, q, r, s] = [top[2 * x], top[2 * x + 1], low[2 * x], low[2 * x + 1]].map(rgb565);
+                [0, 1, 2].map(|c| p[c] + q[c] + r[c] + s[c])
+            }
+        }),
+        PixelFormat::Yuyv => fill_chroma(w, h, a, b, |y| {
+            let [top, low] = rows(data, 2 * w, y).map(|row| &row.as_chunks::<4>().0[..w / 2]);
+            move |x| {
+                // Of two pixels at once: Y and Y, U and V.
+                let [top, low] = [top[x], low[x]].map(u32::from_le_bytes);
+                let [luma, uv] = [0, 8].map(|at| (top >> at & EVEN) + (low >> at & EVEN));
+                let halves = [luma & 0xffff, luma >> 16, uv & 0xffff, uv >> 16];
+                let [y0, y1, u, v] = halves.map(u32::cast_signed);
+                rgb_of_yuv([y0 + y1, 2 * u, 2 * v])
+            }
+        }),
+        PixelFormat::Nv12 | PixelFormat::I420 => {
+            let uv = &data[n..];
+            // Distance between neighbours of one plane, and of U and V.
+            let (step, v) = if frame.format == PixelFormat::Nv12 { (2, 1) } else { (1, n / 4) };
+            fill_chroma(w, h, a, b, |y| {
+                let [top, low] = rows(data, w, y).map(|row| row.as_chunks().0);
+                let (u, v) = (&uv[y * (w / 2) * step..], &uv[y * (w / 2) * step + v..]);
+                move |x| {
+                    let [[p, q], [r, s]] = [top[x], low[x]].map(|pair: [u8; 2]| pair.map(i32::from));
+                    rgb_of_yuv([p + q + r + s, i32::from(u[step * x]) * 4, i32::from(v[step * x]) * 4])
+                }
+            });
+        }
+    }
+}
+
+/// Two rows of `bytes` each, and what follows them: those of the blocks of row `y`.
+fn rows(data: &[u8], bytes: usize, y: usize) -> [&[u8]; 2] {
+    [2 * y, 2 * y + 1].map(|y| &data[y * bytes..])
+}
+
+/// Red, green and blue of a pixel.
+fn rgb565(pixel: [u8; 2]) -> [i32; 3] {
+    let v = i32::from(u16::from_le_bytes(pixel));
+    let (r, g, b) = (v >> 11, v >> 5 & 63, v & 31);
+    [r << 3 | r >> 2, g << 2 | g >> 4, b << 3 | b >> 2]
+}
+
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a weighted mean of bytes")]
+fn luma_of([r, g, b]: [i32; 3]) -> u8 {
+    ((4899 * r + 9617 * g + 1868 * b + 8192) >> 14) as u8
+}
+
+/// Four pixels at a time, each as a word of red, green, blue and what lies beside it: so their
+/// bytes need not be told apart one by one.
+#[inline(always)]
+fn luma_from_rgb8(luma: &mut [u8], data: &[u8]) {
+    let (groups, rest) = luma.as_chunks_mut::<4>();
+    let (pixels, last) = data.as_chunks::<12>();
+    for (y, p) in groups.iter_mut().zip(pixels) {
+        let words = [word(p, 0), word(p, 3), word(p, 6), word(p, 8) >> 8];
+        *y = words.map(|v| luma_of([v, v >> 8, v >> 16].map(|v| v & 255)));
+    }
+    for (y, p) in rest.iter_mut().zip(last.as_chunks::<3>().0) {
+        *y = luma_of(p.map(i32::from));
+    }
+}
+
+/// Four bytes from `at` on, the first lowest.
+fn word(bytes: &[u8], at: usize) -> i32 {
+    bytes.get(at..at + 4).map_or(0, |b| i32::from_le_bytes([b[0], b[1], b[2], b[3]]))
+}
+
+/// Every second byte.
+const EVEN: u32 = 0x00ff_00ff;
+
+/// Every second byte, four at a time.
+#[inline(always)]
+fn luma_from_yuyv(luma: &mut [u8], data: &[u8]) {
+    let (groups, rest) = luma.as_chunks_mut::<4>();
+    let (pixels, last) = data.as_chunks::<8>();
+    for (y, &[a, _, b, _, c, _, d, _]) in groups.iter_mut().zip(pixels) {
+        *y = [a, b, c, d];
+    }
+    for (y, p) in rest.iter_mut().zip(last.as_chunks::<2>().0) {
+        *y = p[0];
+    }
+}
+
+/// Sums of red, green and blue over two pixels of each of two rows.
+#[inline(always)]
+#[allow(clippy::cast_possible_truncation, reason = "16 bits each")]
+fn sums_of_rgb8(rows: [&[u8; 6]; 2]) -> [i32; 3] {
+    // Every second byte, with room for carries: the sums of all rows at once.
+    const EVEN: u64 = 0x00ff_00ff_00ff;
+    let [top, low] = rows.map(|&[a, b, c, d, e, f]| u64::from_le_bytes([a, b, c, d, e, f, 0, 0]));
+    // Red, blue, green of the next; green, red of the next, blue of the next.
+    let (even, odd) = ((top & EVEN) + (low & EVEN), (top >> 8 & EVEN) + (low >> 8 & EVEN));
+    let red_blue = even + (odd >> 16);
+    [red_blue as u16, (even >> 32) as u16 + odd as u16, (red_blue >> 16) as u16].map(i32::from)
+}
+
+/// Sums of red, green and blue over four pixels from those of Y, U and V (BT.601, limited
+/// range).
+fn rgb_of_yuv([luma, u, v]: [i32; 3]) -> [i32; 3] {
+    let (c, u, v) = ((luma - 64) * 298, u - 512, v - 512);
+    [c + 409 * v, c - 100 * u - 208 * v, c + 516 * u].map(|t| (t >> 8).clamp(0, 1023))
+}
+
+/// Blocks whose chroma is computed together.
+const STRIP: usize = 64;
+
+/// Fills them: `row(y)(x)` gives the sums of red, green and blue over the pixels
+/// of the `x`th block of row `y`.
+#[inline(always)]
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "sums of four bytes")]
+fn fill_chroma<F: Fn(usize) -> [i32; 3]>(w: usize, h: usize, a: &mut [i8], b: &mut [i8], row: impl Fn(usize) -> F) {
+    let width = w / 2;
+    let mut strip = [[0; if VECTORS { STRIP } else { 0 }]; 3];
+    for (y, (a, b)) in (0..h / 2).zip(a.chunks_exact_mut(width).zip(b.chunks_exact_mut(width))) {
+        let sums = row(y);
+        if !VECTORS {
+            for (x, (a, b)) in a.iter_mut().zip(b).enumerate() {
+                let [red, green, blue] = sums(x);
+                [*a, *b] = chroma_of([red, green, blue], red.max(green).max(blue));
+            }
+            continue;
+        }
+        for (i, (a, b)) in a.chunks_mut(STRIP).zip(b.chunks_mut(STRIP)).enumerate() {
+            let [red, green, blue] = &mut strip;
+            for x in 0..a.len().min(STRIP) {
+                [red[x], green[x], blue[x]] = sums(i * STRIP + x).map(|v| v as i16);
+            }
+            chroma(&strip, a, b);
+        }
+    }
+}
+
+/// Normalised chroma of blocks from their sums (four pixels) of red, of green and of blue.
+#[inline(always)]
+fn chroma<const N: usize>(sums: &[[i16; N]; 3], a: &mut [i8], b: &mut [i8]) {
+    let n = a.len();
+    let ([red, green, blue], b) = (sums.each_ref().map(|s| &s[..n]), &mut b[..n]);
+    for i in 0..n {
+        let most = red[i].max(green[i]).max(blue[i]);
+        [a[i], b[i]] = chroma_of([red[i], green[i], blue[i]].map(i32::from), most.into());
+    }
+}
+
+#[inline(always)]
+#[allow(clippy::cast_possible_truncation, reason = "within 127")]
+fn chroma_of([red, green, blue]: [i32; 3], most: i32) -> [i8; 2] {
+    if !VECTORS && most < 4 * DARK {
+        return [NO_CHROMA; 2];
+    }
+    let k = 63.5 / most as f32;
+    let along = (2 * red - (green + blue)) as f32 * k;
+    let across = (green - blue) as f32 * (1.732_050_8 * k);
+    let lit = most >= 4 * DARK;
+    [along, across].map(|v| if lit { math::whole(v) as i8 } else { NO_CHROMA })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const W: usize = 16;
+    const H: usize = 16;
+
+    fn planes(format: PixelFormat, data: &[u8]) -> ([u8; W * H], [i8; 64], [i8; 64]) {
+        let (mut l, mut a, mut b) = ([0; W * H], [0; 64], [0; 64]);
+        Frame::new(format, W, H, data).unwrap().convert(&mut l, &mut a, &mut b);
+        (l, a, b)
+    }
+
+    #[test]
+    fn luma_of_a_part_is_that_of_the_whole() {
+        let data: std::vec::Vec<u8> = (0..3 * W * H).map(|i| (i * i / 7) as u8).collect();
+        for format in PixelFormat::ALL {
+            let frame = Frame::new(format, W, H, &data[..format.bytes(W, H)]).unwrap();
+            let (mut whole, mut luma) = ([0; W * H], [0; W * H]);
+            frame.convert_luma(&mut whole);
+            let part = Part { columns: 3..14, rows: 5..16 };
+            frame.convert_luma_of(&part, &mut luma[..11 * 11]);
+            for (y, row) in part.rows.zip(luma.chunks(11)) {
+                assert_eq!(row, &whole[y * W + 3..][..11], "{format:?}, row {y}");
+            }
+        }
+    }
+
+    /// The same solid colour in every format gives the same luma and chroma,
+    /// within what the narrower formats can hold.
+    #[test]
+    fn formats_agree_on_solid_colours() {
+        for [r, g, b] in [[200u8, 40, 40], [30, 160, 60], [50, 70, 220], [128, 128, 128], [240, 220, 30]] {
+            let mut rgb = [0; 3 * W * H];
+            rgb.chunks_mut(3).for_each(|p| p.copy_from_slice(&[r, g, b]));
+            let (l0, a0, b0) = planes(PixelFormat::Rgb8, &rgb);
+
+            let [rf, gf, bf] = [r, g, b].map(f32::from);
+            let y = (16.0 + 0.257 * rf + 0.504 * gf + 0.098 * bf).round() as u8;
+            let u = (128.0 - 0.148 * rf - 0.291 * gf + 0.439 * bf).round() as u8;
+            let v = (128.0 + 0.439 * rf - 0.368 * gf - 0.071 * bf).round() as u8;
+            let mut yuyv = [0; 2 * W * H];
+            yuyv.chunks_mut(4).for_each(|p| p.copy_from_slice(&[y, u, y, v]));
+            let mut nv12 = [y; 3 * W * H / 2];
+            nv12[W * H..].chunks_mut(2).for_each(|p| p.copy_from_slice(&[u, v]));
+            let mut i420 = [y; 3 * W * H / 2];
+            i420[W * H..5 * W * H / 4].fill(u);
+            i420[5 * W * H / 4..].fill(v);
+            let packed = u16::from(r >> 3) << 11 | u16::from(g >> 2) << 5 | u16::from(b >> 3);
+            let mut rgb565 = [0; 2 * W * H];
+            rgb565.chunks_mut(2).for_each(|p| p.copy_from_slice(&packed.to_le_bytes()));
+
+            for (format, data, luma_is_y) in [
+                (PixelFormat::Yuyv, &yuyv[..], true),
+                (PixelFormat::Nv12, &nv12[..], true),
+                (PixelFormat::I420, &i420[..], true),
+                (PixelFormat::Rgb565, &rgb565[..], false),
+            ] {
+                let (l, a, b) = planes(format, data);
+                if luma_is_y {
+                    assert!(l.iter().all(|&l| l == y), "{format:?}: luma is Y");
+                } else {
+                    assert!(l.iter().all(|&l| l.abs_diff(l0[0]) <= 8), "{format:?}: luma {} for {}", l[0], l0[0]);
+                }
+                for (name, c, c0) in [("a", a, a0), ("b", b, b0)] {
+                    assert!(c.iter().all(|&c| c.abs_diff(c0[0]) <= 5), "{format:?} {name}: {} for {}", c[0], c0[0]);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn all_formats_are_listed_in_order() {
+        for (i, format) in PixelFormat::ALL.into_iter().enumerate() {
+            assert_eq!(format as usize, i, "{format:?}");
+        }
+        // The last of the declaration.
+        assert_eq!(PixelFormat::Rgb565 as usize + 1, PixelFormat::ALL.len());
+    }
+
+    fn chroma_of(sums: [i16; 3]) -> [i8; 2] {
+        let (mut a, mut b) = ([0], [0]);
+        chroma(&sums.map(|v| [v; STRIP]), &mut a, &mut b);
+        [a[0], b[0]]
+    }
+
+    #[test]
+    fn brightness_leaves_chroma_alone() {
+        let at = |k: i16| chroma_of([200, 80, 40].map(|v| v * k));
+        let [a, b] = at(4);
+        for k in [1, 2, 3] {
+            let [a2, b2] = at(k);
+            assert!(a.abs_diff(a2) <= 2 && b.abs_diff(b2) <= 2, "{k}: {a2} {b2} for {a} {b}");
+        }
+    }
+
+    #[test]
+    fn dark_and_gray_say_so() {
+        assert_eq!(chroma_of([40, 10, 10]), [NO_CHROMA; 2]);
+        assert_eq!(chroma_of([400; 3]), [0, 0]);
+        let (_, a, b) = planes(PixelFormat::Gray8, &[200; W * H]);
+        assert!(a.iter().chain(&b).all(|&c| c == NO_CHROMA));
+    }
+
+    #[test]
+    fn errors_say_what_was_expected() {
+        use FrameError as E;
+        let e = |f, w, h, n| Frame::new(f, w, h, &[0; 4096][..n]).unwrap_err();
+        assert_eq!(e(PixelFormat::Rgb8, 16, 17, 815), E::WrongLength { expected: 816, given: 815 });
+        assert_eq!(e(PixelFormat::Yuyv, 17, 16, 544), E::OddWidth { width: 17 });
+        assert_eq!(e(PixelFormat::Nv12, 16, 17, 408), E::OddHeight { height: 17 });
+        assert_eq!(e(PixelFormat::I420, 17, 16, 408), E::OddWidth { width: 17 });
+        assert_eq!(e(PixelFormat::Gray8, 15, 16, 240), E::TooSmall { width: 15, height: 16 });
+        assert!(Frame::new(PixelFormat::Rgb8, 17, 19, &[0; 969]).is_ok());
+        assert!(Frame::new(PixelFormat::Yuyv, 16, 17, &[0; 544]).is_ok());
+    }
+}

@@ -1,0 +1,5 @@
+//! From the plane of the frame to the space before the camera.
+//!
+//! Rule: nothing here looks at pixels.
+
+pub mod camera;
