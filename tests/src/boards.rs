@@ -1,8 +1,8 @@
-//! Which boards the detector fits on: the contents of `docs/fits-on.md`.
+//! The boards that the detector fits on: the contents of `docs/fits-on.md`.
 //!
-//! In: the sizes of the core's types, what the emulated board measured, and what makers
-//! say of their boards. Out: the page, as text; `tests/tests/fits_on.rs` compares it
-//! with the file, and writes it when told to. Cost: none worth telling.
+//! In: the sizes of the core's types, the measurements on the emulated boards, and the makers'
+//! figures of their boards. Out: the page as text. `tests/tests/fits_on.rs` compares it with the
+//! file, and writes the file if it is told to. Cost: negligible.
 
 use std::fmt::Write;
 use std::mem::size_of;
@@ -12,23 +12,22 @@ use keygraph::learn::Preset;
 use keygraph_core::detect::{HdDetector, QqvgaDetector, QvgaDetector, VgaDetector};
 use serde_json::Value;
 
-/// What `scripts/board --renew` has measured on the emulated boards (qqvga on the
-/// Cortex-M4, qvga and vga on the M7), built for size, and `scripts/instructions --renew` on
-/// x86-64.
+/// Figures that `scripts/board --renew` measured on the emulated boards (qqvga on the Cortex-M4,
+/// qvga and vga on the M7; the firmware is built for size), and that `scripts/instructions --renew`
+/// counted on x86-64.
 #[derive(Clone, Copy, Debug)]
 pub struct Measured {
-    /// Most of the stack that was ever used, bytes.
+    /// Maximum stack use, bytes.
     pub stack: usize,
-    /// Code and constants without the model, bytes.
+    /// Size of code and constants without the model, bytes.
     pub code: usize,
-    /// Millions of instructions that a searched frame takes (median), by profile:
-    /// qqvga, qvga, vga.
+    /// Million instructions per searched frame (median), by profile: qqvga, qvga, vga.
     pub instructions: [f64; 3],
-    /// The same for vga where numbers are computed side by side (mean).
+    /// Million instructions per searched vga frame (mean) on a processor with vectors.
     pub with_vectors: f64,
 }
 
-/// The figures of this version: those of `firmware-sim/baseline.json`.
+/// Figures of this version, from `firmware-sim/baseline.json` and `benches/instructions.json`.
 pub static MEASURED: LazyLock<Measured> = LazyLock::new(|| {
     let baseline: Value = serde_json::from_str(include_str!("../../firmware-sim/baseline.json")).unwrap_or_default();
     let boards = ["m4, qqvga", "m7, qvga", "n6, vga"].map(|name| &baseline["boards"][name]);
@@ -47,29 +46,30 @@ pub static MEASURED: LazyLock<Measured> = LazyLock::new(|| {
     }
 });
 
-/// Flash that the firmware sets aside for itself, bytes.
+/// Flash that the firmware reserves for code, bytes.
 const CODE_REGION: usize = 128 << 10;
 
-/// A detector and its frames.
+/// A detector and its frame size.
 #[derive(Clone, Copy, Debug)]
 pub struct Profile {
-    /// Its name on the command line.
+    /// Name of the profile on the command line.
     pub name: &'static str,
-    /// Width and height of its frames, px.
+    /// Width and height of the frames, px.
     pub frame: (usize, usize),
-    /// Bytes of the detector.
+    /// Size of the detector, bytes.
     pub detector: usize,
 }
 
 impl Profile {
-    /// Bytes of RAM: the detector, one raw frame of two bytes a pixel, the stack.
+    /// Returns the RAM that the profile needs, bytes: the detector, one raw frame with two bytes
+    /// per pixel, and the stack.
     #[must_use]
     pub fn ram(&self) -> usize {
         self.detector + 2 * self.frame.0 * self.frame.1 + MEASURED.stack
     }
 }
 
-/// The profiles, smallest first.
+/// All profiles, smallest first.
 pub const PROFILES: [Profile; 4] = [
     Profile { name: "qqvga", frame: (160, 120), detector: size_of::<QqvgaDetector>() },
     Profile { name: "qvga", frame: (320, 240), detector: size_of::<QvgaDetector>() },
@@ -77,19 +77,20 @@ pub const PROFILES: [Profile; 4] = [
     Profile { name: "hd", frame: (1280, 720), detector: size_of::<HdDetector>() },
 ];
 
-/// A board as its maker describes it.
+/// A board with the figures of its maker.
 #[derive(Clone, Copy, Debug)]
 struct Board {
     name: &'static str,
     core: &'static str,
     mhz: usize,
-    /// RAM on the chip that a detector can lie in: the largest piece of it, KB.
+    /// RAM on the chip that the profile can use, KB: the largest piece of it. On the STM32F405 it
+    /// is both pieces, the detector in one, frame and stack in the other.
     piece_kb: usize,
-    /// All RAM on the chip, and RAM beside it, KB.
+    /// RAM on the chip, and RAM beside the chip, KB.
     ram_kb: [usize; 2],
-    /// Flash on the chip and beside it, KB: models are read from either in place.
+    /// Flash on the chip, and flash beside the chip, KB. Models are read in place from either.
     flash_kb: [usize; 2],
-    /// The maker's pages.
+    /// Pages of the maker, with short names in place of addresses.
     source: &'static str,
 }
 
@@ -103,7 +104,7 @@ const RP2350: &str = "https://datasheets.raspberrypi.com/rp2350/rp2350-datasheet
 const PICO: &str = "https://www.raspberrypi.com/documentation/microcontrollers/pico-series.html";
 const RASPBERRY: &str = "https://www.raspberrypi.com/documentation/computers/processors.html";
 
-/// Microcontrollers.
+/// Boards with a microcontroller.
 const BOARDS: [Board; 8] = [
     Board {
         name: "STM32F405",
@@ -179,7 +180,7 @@ const BOARDS: [Board; 8] = [
     },
 ];
 
-/// Linux boards: RAM is never short, so the profile is a choice.
+/// Boards that run Linux. They always have enough RAM, so every profile fits.
 const LINUX: [Board; 2] = [
     Board {
         name: "Raspberry Pi Zero 2 W",
@@ -201,13 +202,13 @@ const LINUX: [Board; 2] = [
     },
 ];
 
-/// The largest profile that `kb` KB of RAM hold.
+/// Returns the largest profile that fits `kb` KB of RAM, as an index into `PROFILES`.
 fn largest(kb: usize) -> Option<usize> {
     PROFILES.iter().rposition(|p| p.ram() <= kb << 10)
 }
 
-/// The largest preset that flash of so many KB holds: beside the code on the chip, or
-/// beside the chip, with the code where the chip has none.
+/// Returns the largest preset that fits the flash on the chip and the flash beside it, KB. Code
+/// takes its share of the flash on the chip, or of the flash beside it if the chip has none.
 fn preset([inside, beside]: [usize; 2]) -> &'static str {
     let presets = [(Preset::Large, "large"), (Preset::Standard, "standard"), (Preset::Compact, "compact")];
     let room = (inside << 10).saturating_sub(CODE_REGION);
@@ -215,7 +216,7 @@ fn preset([inside, beside]: [usize; 2]) -> &'static str {
     presets.iter().find(|(p, _)| p.bytes() <= room.max(beside)).map_or("`train --bytes`", |(_, name)| name)
 }
 
-/// Names of pages to their addresses.
+/// Replaces the short names of pages by their addresses.
 fn linked(source: &str) -> String {
     let pages = [
         ("OPENMV", OPENMV),
@@ -243,14 +244,14 @@ fn size(kb: usize) -> String {
     }
 }
 
-/// Frames a second at one instruction a cycle.
+/// Returns the frames per second at one instruction per cycle, as text.
 #[allow(clippy::cast_precision_loss, reason = "MHz are small")]
 fn rate(millions: f64, mhz: usize) -> String {
     format!("{:.1} (computed)", mhz as f64 / millions)
 }
 
-/// Million instructions of a profile: those of hd follow from those of vga, as the pixels are
-/// more.
+/// Returns the million instructions of a profile, and how they are known. The figure of hd is
+/// computed from that of vga, in proportion to the number of pixels.
 fn instructions(profile: usize) -> (f64, &'static str) {
     if let Some(&millions) = MEASURED.instructions.get(profile) {
         return (millions, "measured");
@@ -260,7 +261,7 @@ fn instructions(profile: usize) -> (f64, &'static str) {
     (MEASURED.instructions[2] * (pixels / vga), "computed")
 }
 
-/// The whole of `docs/fits-on.md`.
+/// Returns the whole text of `docs/fits-on.md`.
 #[must_use]
 pub fn page() -> String {
     let mut page = String::from(HEAD);
