@@ -280,7 +280,7 @@ pub fn page() -> String {
     let _ = writeln!(page, "\nCode and constants without the model: {} (measured).", kb(MEASURED.code));
     let _ = writeln!(
         page,
-        "With vectors, as on a laptop or an ARM Linux board, vga takes {:.1} M (measured on x86-64).",
+        "On a processor with vectors, such as a laptop or an ARM Linux board, vga takes {:.1} M (measured on x86-64).",
         MEASURED.with_vectors
     );
     page.push_str(BOARDS_HEAD);
@@ -325,19 +325,19 @@ pub fn page() -> String {
 const HEAD: &str = "\
 # Boards it fits on
 
-Nobody has run it on these boards yet. *Measured* is what the compiler or the emulated
-board counted, *computed* what follows from that; the boards' own figures (processor,
-RAM, flash) are their makers', on the pages named in the last column.
+Nobody has run Keygraph on these boards yet. *Measured* is a figure that the compiler or the
+emulated board counted. *Computed* is a figure that follows from measured figures. The figures
+of the boards (processor, RAM, flash) come from their makers, on the pages named in the last
+column.
 
-This page is written by a test from the sizes of the types, from
-`firmware-sim/baseline.json` and from `benches/instructions.json`, so that it is true of
-this version:
-`KEYGRAPH_WRITE=1 cargo test -p keygraph-tests --test fits_on`, or `scripts/board --renew`,
-which measures anew before. Instructions are those of four frames that show the object
-whole, from the side, small, and not at all (`compact`; with vectors `large`), harder ones
-than most: the median of 144 others is 15.9 M with qvga
-([decision 0012](decisions/0012-sixteen-million.md)). Those of hd are computed from those
-of vga, as its pixels are three times as many.
+A test writes this page from the sizes of the types, from `firmware-sim/baseline.json` and from
+`benches/instructions.json`, so that the page is true of this version. To write it again, run
+`KEYGRAPH_WRITE=1 cargo test -p keygraph-tests --test fits_on`, or `scripts/board --renew`, which
+also measures again. Instructions are the median of four frames that show the object whole, from
+the side, small, and not at all. The model is `compact`; the figure with vectors is the mean with
+a `large` model. These frames are harder than most: the median of 144 others is 15.9 M with qvga
+([decision 0012](decisions/0012-sixteen-million.md)). The instructions of hd are computed from
+those of vga, in proportion to the pixels, which are three times as many.
 
 ## What it takes
 
@@ -346,20 +346,20 @@ of vga, as its pixels are three times as many.
 const BOARDS_HEAD: &str = "
 ## Microcontrollers
 
-A profile fits where detector, one raw frame and the stack lie in the RAM on the chip:
-the largest piece of it, where it comes in pieces (512 KB of AXI SRAM on the STM32H743 and
-H747, of OCRAM on the RT1062, the other half being five pieces there and tightly coupled
-memory here; on the STM32F405 128 and 64 KB, the detector in the one, frame and stack in
-the other). RAM beside the chip holds larger profiles, several times slower. A second
-frame buffer, and the application, must go into what is left. The preset is the largest
-that the flash holds beside the code (of flash on and beside the chip the larger, read in
-place); one model may hold many objects.
+A profile fits if the detector, one raw frame and the stack fit the RAM on the chip. If that RAM
+comes in pieces, they must fit the largest piece: 512 KB of AXI SRAM on the STM32H743 and H747, and
+512 KB of OCRAM on the RT1062. The other half of the RAM is five pieces on the STM32H743 and H747,
+and tightly coupled memory on the RT1062. The STM32F405 has pieces of 128 and 64 KB: the detector
+lies in the first, frame and stack lie in the second. RAM beside the chip holds larger profiles,
+but is several times slower. A second frame buffer and the application must fit the remaining
+RAM. The preset is the largest that fits the flash beside the code. If there is flash on the chip
+and beside it, the larger counts; the model is read in place. One model may hold many objects.
 
-Frames a second are those of searching with the largest profile that the chip's own RAM
-holds, at one instruction a cycle: the true ratio depends on the processor, on the
-compiler and on how fast the flash is read. Those of a Cortex-M55 are of the code for the
-M7, which it runs without its vectors. The Vision Shield's cameras see no colour:
-train with `--luma` for them.
+Frames per second are for searching every frame, with the largest profile that fits the RAM on
+the chip, at one instruction per cycle. The true ratio depends on the processor, on the compiler
+and on the speed of the flash. The figure of the Cortex-M55 is for the code of the M7, which it
+runs without its vectors. The cameras of the Vision Shield have no colour: train with `--luma`
+for them.
 
 | board | processor | RAM on the chip, of it for the profile | RAM beside it | flash on the chip | flash beside it | profile | with the RAM beside | preset | frames a second | source |
 | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |
@@ -368,9 +368,9 @@ train with `--luma` for them.
 const LINUX_HEAD: &str = "
 ## Linux boards
 
-`scripts/build-arm` makes one static file for any of them. Memory is no matter; frames a
-second are those of vga on one core, at one instruction a cycle, of as many instructions as
-x86-64 takes.
+`scripts/build-arm` makes one static file for any of these boards. They always have enough memory.
+Frames per second are for searching every vga frame on one core, at one instruction per cycle, with
+as many instructions as on x86-64.
 
 | board | processor | RAM | profile | preset | frames a second | source |
 | --- | --- | --- | --- | --- | --- | --- |
