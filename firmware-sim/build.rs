@@ -1,4 +1,5 @@
-//! Gives the linker the memory of the modelled board: what does not fit does not link.
+//! Gives the linker the memory layout of the chosen board. A program that does not fit the board
+//! does not link.
 //! With the feature `sample`, gives the compiler the model to link in.
 
 use std::path::PathBuf;

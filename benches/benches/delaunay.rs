@@ -1,11 +1,12 @@
-//! The fixed-capacity triangulation against spade and delaunator.
+//! Times the fixed-capacity triangulation beside spade and delaunator.
 //!
-//! 50, 200 and 400 points at random in a frame of 640x480 px, on the detector's
-//! grid of 1/16 px; a different set in each pass, since a processor that sees one
-//! set of 200 again and again learns its branches and halves the time. Ours is timed with a single level, which is what spade
-//! computes, and with the detector's nested levels, which spade has to
-//! triangulate one by one. Before anything is timed, the triangles of both are
-//! compared: the same sets, level by level.
+//! Input: 50, 200 and 400 random points in a frame of 640x480 px, on the detector's grid of 1/16
+//! px. Each pass takes a different set of points, because a processor that sees one set of 200
+//! points again and again learns its branches and halves the time.
+//!
+//! Our triangulation is timed twice: with a single level, which is what spade computes, and with
+//! nested levels, which spade has to triangulate one by one. Before any timing, the bench checks
+//! that all libraries give the same triangles, level by level.
 //!
 //! `cargo bench -p keygraph-benches --bench delaunay`
 #![allow(clippy::unwrap_used, clippy::cast_possible_truncation, missing_docs)]
@@ -19,21 +20,21 @@ use keygraph_core::delaunay::{Triangulation, Triple, triangulate};
 use keygraph_core::geometry::Point;
 use spade::{DelaunayTriangulation, Point2, Triangulation as _};
 
-/// Points that the triangulation has room for: as many as the vga profile.
+/// Number of points that the triangulation has room for, as in the vga profile.
 const CAPACITY: usize = 512;
-/// The prefixes that the detector triangulates.
+/// Prefixes that are triangulated: five of the ten prefixes of the detector.
 const LEVELS: [usize; 5] = [25, 50, 100, 200, 400];
 
-/// Sets of points that the passes take in turn.
+/// Number of point sets. The passes take them in turn.
 const SETS: usize = 64;
 
 type Spade = DelaunayTriangulation<Point2<f64>>;
 
-/// Set `set` of `n` different points, the same in every run.
+/// Returns set number `set` of `n` distinct points. Every run gives the same points.
 fn points(n: usize, set: usize) -> Vec<Point> {
     let mut state = 0x2545_f491_4f6c_dd1d_u64 ^ (n * SETS + set) as u64;
     let mut below = |limit: u64| {
-        // Knuth's constants; the low bits of such a generator are its worst.
+        // A linear congruential generator with Knuth's constants. Its low bits are its worst bits.
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         ((state >> 33) % limit) as i16
     };
@@ -63,7 +64,7 @@ fn inserted(points: &[Point2<f64>]) -> Spade {
     mesh
 }
 
-/// The prefixes of `LEVELS` that are different for `n` points.
+/// Returns the prefixes of `LEVELS` that are at most `n` points long.
 fn prefixes(n: usize) -> impl Iterator<Item = usize> {
     LEVELS.into_iter().filter(move |&l| l <= n)
 }
@@ -73,14 +74,14 @@ fn sorted(mut t: Triple) -> Triple {
     t
 }
 
-/// Spade's triangles as indices into `points`.
+/// Returns spade's triangles as triples of indices into `points`.
 fn triangles_of(mesh: &Spade, points: &[Point]) -> BTreeSet<Triple> {
     let index: BTreeMap<Point, u16> = points.iter().zip(0..).map(|(&p, i)| (p, i)).collect();
     let id = |p: Point2<f64>| index[&Point::new(p.x as i16, p.y as i16)];
     mesh.inner_faces().map(|f| sorted(f.positions().map(id))).collect()
 }
 
-/// All triangulations of one set agree, or it says which do not.
+/// Checks that all triangulations of one point set agree. A panic names the one that differs.
 fn check(points: &[Point], floats: &[Point2<f64>], mesh: &mut Triangulation<CAPACITY>) {
     let n = points.len();
     let mut ours = |levels: &[usize]| {

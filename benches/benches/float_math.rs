@@ -1,9 +1,9 @@
-//! What the coarse and the exact functions of `keygraph_core::math` cost.
+//! Times the coarse and the exact functions of core's `math`.
 //!
-//! 20,000 arguments a pass, more than a processor can learn by heart: the angles
-//! of random vectors by `coarse_atan2` (micromath) and by libm, square roots by
-//! both and by `coarse_sqrt`. Each is checked first, against `f64`. The decision
-//! behind the split is `docs/decisions/0002-float-math.md`.
+//! Each pass takes 20,000 arguments, more than a processor can learn. The bench times angles of
+//! random vectors by `coarse_atan2` (micromath) and by libm, and square roots by micromath, by libm
+//! and by `coarse_sqrt`. It checks the accuracy of each function first. The decision behind the
+//! split is `docs/decisions/0002-float-math.md`.
 //!
 //! `cargo bench -p keygraph-benches --bench float_math`
 #![allow(clippy::cast_possible_truncation, missing_docs)]
@@ -17,7 +17,7 @@ use micromath::F32Ext;
 
 const COUNT: usize = 20_000;
 
-/// Random numbers, the same in every run.
+/// Returns pseudo-random numbers. Every run gives the same numbers.
 fn numbers() -> impl Iterator<Item = u64> {
     let mut state = 0x9e37_79b9_7f4a_7c15_u64;
     std::iter::repeat_with(move || {
@@ -26,13 +26,13 @@ fn numbers() -> impl Iterator<Item = u64> {
     })
 }
 
-/// Sums of `f` over `arguments`: one number, so that nothing is left out.
+/// Returns the sum of `f` over `arguments`. The sum keeps the compiler from removing calls.
 fn sum<T: Copy>(arguments: &[T], f: impl Fn(T) -> f32) -> f32 {
     black_box(arguments).iter().map(|&a| f(a)).sum()
 }
 
 fn bench(c: &mut Criterion) {
-    // Vectors as keygraph angles meet them: coordinates of up to 1,000,000.
+    // Vectors as they occur in keygraph angles: coordinates of up to 1,000,000.
     let mut coordinate = numbers().map(|n| (n % 2_000_001) as f32 - 1_000_000.0);
     let vectors: Vec<(f32, f32)> = coordinate
         .by_ref()

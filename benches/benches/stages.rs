@@ -1,9 +1,9 @@
-//! Each stage of a search, and the whole, from 160x120 to 1280x720 px.
+//! Times each stage of a search, and the whole search, from 160x120 to 1280x720 px.
 //!
-//! A frame of the repository's sequence in the middle of each profile's own size, and the
-//! large model of an object that it shows. Before anything is timed, the object is found where it
-//! is known to be, and a second search gives the same digests. A stage is timed
-//! within whole searches, since each one needs what those before it made.
+//! Input: one frame of the repository's sequence at the frame size of each profile, and the large
+//! model of an object that the frame shows. Before any timing, the bench checks that the object is
+//! found at its known place, and that a second search gives the same digests. A stage is timed
+//! within whole searches, because each stage needs the output of the stages before it.
 //!
 //! `cargo bench -p keygraph-benches --bench stages`
 #![allow(clippy::unwrap_used, clippy::panic, missing_docs)]
@@ -25,7 +25,7 @@ fn asset(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets").join(name)
 }
 
-/// The picture at this size: shrunk when it is larger, else in the middle of a gray frame.
+/// Returns the picture at this size: shrunk if it is larger, else in the middle of a gray frame.
 fn sized(picture: &Picture, width: u32, height: u32) -> Picture {
     let Pixels::Rgb8(from) = &picture.pixels else { panic!("the sequence has colour") };
     if picture.width >= width && picture.height >= height {

@@ -1,1 +1,2 @@
-//! Holds the package together: the timings are in `benches/benches`, run by `cargo bench -p keygraph-benches`.
+//! Empty library that holds the package together. The timings are in `benches/benches`: run them
+//! with `cargo bench -p keygraph-benches`.

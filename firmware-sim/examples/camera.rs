@@ -1,11 +1,11 @@
-//! A board's main loop, to copy: two buffers that a camera fills in turn, the detector
-//! between them, results over a serial port.
+//! The main loop of a board, to be copied: a camera fills two buffers in turn, the detector
+//! searches them, and the results go out over a serial port.
 //!
-//! In: frames of the emulated camera. Out: a line a detection on the serial port.
-//! Memory: the detector and two raw frames. Cost: the detector's.
+//! In: frames of the emulated camera. Out: one line per detection on the serial port. Memory: the
+//! detector and two raw frames. Cost: the cost of the detector.
 //!
-//! What another board needs is `Camera` with its `Sensor`, and a port that implements
-//! `core::fmt::Write`.
+//! Another board needs its own `Camera` with an implementation of `Sensor`, and a port that
+//! implements `core::fmt::Write`.
 #![no_std]
 #![no_main]
 
@@ -18,18 +18,18 @@ use keygraph_firmware_sim::profile::{Detector, FRAME_BYTES};
 use keygraph_firmware_sim::sensor::{Sensor, serve};
 use keygraph_firmware_sim::wire::FrameHeader;
 
-/// The emulated camera. On a real one, `link` is the camera's DMA stream.
+/// The emulated camera. On a real board, the camera's DMA stream takes the place of `link`.
 struct Camera {
     link: Link,
-    /// What is being searched, and what is arriving.
+    /// The frame that is being searched, and the frame that is arriving.
     buffers: [&'static mut [u8; FRAME_BYTES]; 2],
-    /// The frame that is arriving. On a real board all are of one kind.
+    /// Header of the frame that is arriving. On a real board all frames have the same header.
     arriving: Option<FrameHeader>,
 }
 
 impl Camera {
     fn start(mut link: Link, buffers: [&'static mut [u8; FRAME_BYTES]; 2]) -> Self {
-        // A real board: set the sensor's mode, point the DMA to buffers[1], start it.
+        // On a real board: set the mode of the sensor, point the DMA to buffers[1], start it.
         let arriving = link.next_frame(buffers[1]);
         Self { link, buffers, arriving }
     }
@@ -37,8 +37,8 @@ impl Camera {
 
 impl Sensor for Camera {
     fn next(&mut self) -> Option<Result<Frame<'_>, FrameError>> {
-        // A real board: sleep (`wfi`) until the DMA's interrupt says that the frame is
-        // whole, invalidate the data cache over it, point the DMA to the other buffer.
+        // On a real board: sleep (`wfi`) until the DMA interrupt reports a whole frame, invalidate the
+        // data cache over it, point the DMA to the other buffer.
         let whole = self.arriving?;
         let [searched, arrived] = &mut self.buffers;
         swap(searched, arrived);

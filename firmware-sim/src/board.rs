@@ -1,10 +1,12 @@
-//! The emulated board: its clock, its flash, its memory, its files.
+//! The emulated board: its clock, flash, memory and files.
 //!
-//! The only file with `unsafe`: registers, symbols of the linker, and memory that is
-//! handed out once. In: none. Out: safe functions for the firmwares. Memory: the raw
-//! frame. Cost: a clock reading is a load; a file access stops the emulator.
+//! In: nothing. Out: safe functions for the firmware programs. Memory: the raw frame. Cost: a clock
+//! reading is one load; a file access stops the emulator.
 //!
-//! A panic or a fault says where on the log and ends the emulator with status 101.
+//! This is the only file with `unsafe`. It accesses registers, symbols of the linker, and memory
+//! that is handed out once.
+//!
+//! A panic or a fault reports its place on the log and ends the emulator with status 101.
 
 use core::mem::MaybeUninit;
 use core::ptr::{addr_of, addr_of_mut, read_volatile, write_volatile};
@@ -20,18 +22,18 @@ use crate::learn::Learner;
 use crate::profile::{Detector, FRAME_BYTES};
 use crate::wire::{FRAMES, FrameHeader, Job, RESULTS};
 
-/// Status that a panic or a fault ends with.
+/// Exit status after a panic or a fault.
 const FAILED: i32 = 101;
 
-/// CMSDK timer 0: control, value (counts down), reload.
+/// Registers of CMSDK timer 0: control, value (counts down), reload.
 const TIMER: *mut u32 = 0x4000_0000 as *mut u32;
 
-/// CMSDK serial port 0: data, state, control, interrupts, divisor.
+/// Registers of CMSDK serial port 0: data, state, control, interrupts, divisor.
 const UART: *mut u32 = 0x4000_4000 as *mut u32;
 
 /// Starts the clock.
 pub fn start_clock() {
-    // SAFETY: the timer's registers, which nothing else touches.
+    // SAFETY: these are the timer's registers, and nothing else accesses them.
     unsafe {
         write_volatile(TIMER.add(2), u32::MAX);
         write_volatile(TIMER.add(1), u32::MAX);
@@ -39,13 +41,13 @@ pub fn start_clock() {
     }
 }
 
-/// Ticks since the start, 25 million a second; to be called once in 171 s or more often,
-/// after which the timer starts anew.
+/// Returns the ticks since the start of the clock, 25 million per second. It must be called at
+/// least once in 171 s: after that time the hardware timer starts again from zero.
 #[must_use]
 pub fn ticks() -> u64 {
     static LAST: AtomicU32 = AtomicU32::new(0);
     static ROUNDS: AtomicU32 = AtomicU32::new(0);
-    // SAFETY: reading the timer's value has no effect.
+    // SAFETY: reading the value of the timer has no effect.
     let now = u32::MAX - unsafe { read_volatile(TIMER.add(1)) };
     if now < LAST.swap(now, Ordering::Relaxed) {
         ROUNDS.fetch_add(1, Ordering::Relaxed);
@@ -60,34 +62,35 @@ unsafe extern "C" {
     static mut _model_end: u8;
 }
 
-/// Most bytes of stack that were ever used: what is painted is untouched.
+/// Returns the maximum stack use so far, bytes. A painted word that still has its paint was never used.
 #[must_use]
 pub fn stack_bytes() -> u32 {
     let (top, mut word) = (addr_of!(_stack_start), addr_of!(_stack_end));
-    // SAFETY: whole words between the stack's ends, painted before main; nothing
-    // below the stack pointer is alive.
+    // SAFETY: these are whole words between the two ends of the stack, painted before main.
+    // Nothing below the stack pointer is alive.
     while word < top && unsafe { read_volatile(word) } == cortex_m_rt::STACK_PAINT_VALUE {
         word = word.wrapping_add(1);
     }
     (top as usize - word as usize) as u32
 }
 
-/// The model that is linked in, at the start of the region that is kept for models.
+/// The linked-in model, at the start of the region of flash for models.
 #[cfg(feature = "sample")]
 #[used]
 #[unsafe(link_section = ".model")]
 static SAMPLE: [u8; include_bytes!(concat!(env!("OUT_DIR"), "/model.kgm")).len()] =
     *include_bytes!(concat!(env!("OUT_DIR"), "/model.kgm"));
 
-/// The region of flash that is kept for models.
+/// Returns the region of flash for models.
 fn model_region() -> &'static [u8] {
     let (start, end) = (addr_of!(_model_start), addr_of!(_model_end));
-    // SAFETY: memory of the emulator from its start on, written only by `program`,
-    // which takes the model's bytes from nobody.
+    // SAFETY: the emulator fills this memory before the start. Only `program` writes it, at a
+    // time when nobody has a slice of it.
     unsafe { core::slice::from_raw_parts(start, end as usize - start as usize) }
 }
 
-/// The model in flash: as many bytes as its header says, none if that cannot be.
+/// Returns the model in flash. Its header gives the length. The slice is empty if that length
+/// exceeds the region.
 #[must_use]
 pub fn model() -> &'static [u8] {
     let region = model_region();
@@ -95,80 +98,80 @@ pub fn model() -> &'static [u8] {
     region.get(..size).unwrap_or(&[])
 }
 
-/// Writes a model to flash, as a driver of the flash would.
+/// Writes a model to flash, as a flash driver would, and returns it.
 ///
 /// # Panics
-/// When it does not fit, or when it is not the first: slices of the one before may
-/// be alive.
+/// Panics if the model does not fit, or if this is the second call: slices of the first model may
+/// still be alive.
 pub fn program(bytes: &[u8]) -> &'static [u8] {
     static TAKEN: AtomicBool = AtomicBool::new(false);
     assert!(!TAKEN.swap(true, Ordering::Relaxed), "the flash is written once");
     assert!(bytes.len() <= model_region().len(), "the model does not fit the flash");
-    // SAFETY: it fits, and the assertion above says that nobody reads it yet: learning
-    // firmware does not call `model`.
+    // SAFETY: the model fits. The assertion above ensures that nobody reads the region yet: the
+    // learning firmware does not call `model`.
     unsafe { addr_of_mut!(_model_start).copy_from_nonoverlapping(bytes.as_ptr(), bytes.len()) };
     &model_region()[..bytes.len()]
 }
 
-/// The raw frame's buffer, once.
+/// Returns the buffer of the raw frame.
 ///
 /// # Panics
-/// The second time.
+/// Panics at the second call.
 pub fn frame_buffer() -> &'static mut [u8; FRAME_BYTES] {
     static TAKEN: AtomicBool = AtomicBool::new(false);
     #[unsafe(link_section = ".frame")]
     static mut FRAME: MaybeUninit<[u8; FRAME_BYTES]> = MaybeUninit::uninit();
     assert!(!TAKEN.swap(true, Ordering::Relaxed), "there is one frame buffer");
-    // SAFETY: handed out once, and written whole before that.
+    // SAFETY: the buffer is handed out once, and all of it is written before.
     unsafe {
         addr_of_mut!(FRAME).write_bytes(0, 1);
         (*addr_of_mut!(FRAME)).assume_init_mut()
     }
 }
 
-/// What is new when all its bytes are zero.
+/// A type for which all bytes zero are a new value.
 ///
 /// # Safety
-/// All bytes zero is a valid value, and dropping it does nothing.
+/// All bytes zero must be a valid value, and dropping that value must do nothing.
 pub unsafe trait Zeroed {}
 
-// SAFETY: arrays of numbers, empty vectors of them, counters, and a reference that is
-// not there; nothing of it is dropped.
+// SAFETY: the detector consists of arrays of numbers, empty vectors of numbers, counters, and an
+// absent reference. Nothing in it needs to be dropped.
 unsafe impl Zeroed for Detector {}
-// SAFETY: the same, and bytes.
+// SAFETY: the learner consists of such data and of bytes.
 unsafe impl Zeroed for Learner {}
 
-/// Memory for things that are needed one after the other.
+/// Memory for values that are needed one after the other.
 #[repr(C, align(8))]
 pub struct Arena<const BYTES: usize>(MaybeUninit<[u8; BYTES]>);
 
 impl<const BYTES: usize> Arena<BYTES> {
-    /// All zero.
+    /// Creates memory in which all bytes are zero.
     #[must_use]
     pub const fn new() -> Self {
         Self(MaybeUninit::zeroed())
     }
 
-    /// A new `T` in this memory.
+    /// Creates a new `T` in this memory.
     pub fn make<T: Zeroed>(&mut self) -> &mut T {
         const { assert!(size_of::<T>() <= BYTES && align_of::<T>() <= 8, "the arena is too small") };
         self.0 = MaybeUninit::zeroed();
-        // SAFETY: large enough, aligned, all zero, and borrowed for as long as `self`.
+        // SAFETY: the memory is large enough, aligned, all zero, and borrowed for as long as `self`.
         unsafe { &mut *self.0.as_mut_ptr().cast::<T>() }
     }
 }
 
-/// Frames from the laptop, as a sensor would deliver them.
+/// The connection to the laptop. It delivers frames as a sensor would, and takes results.
 pub struct Link {
     frames: File,
     results: File,
 }
 
 impl Link {
-    /// Opens both files, and reads what is to be done.
+    /// Opens both files, and reads the job.
     ///
     /// # Panics
-    /// When they are not there.
+    /// Panics if a file cannot be opened, or if there is no job.
     #[must_use]
     pub fn open() -> (Self, Job) {
         let frames = File::open(FRAMES).ok().expect("the file of frames is there");
@@ -188,10 +191,10 @@ impl Link {
         Some(words)
     }
 
-    /// Reads the next frame into the start of `buffer`; `None` after the last.
+    /// Reads the next frame into the start of `buffer`. Returns `None` after the last frame.
     ///
     /// # Panics
-    /// When it is larger than the buffer, or breaks off.
+    /// Panics if the frame is larger than the buffer or incomplete.
     pub fn next_frame(&mut self, buffer: &mut [u8]) -> Option<FrameHeader> {
         let header = FrameHeader::decode(self.words()?).expect("the format exists");
         let bytes = buffer.get_mut(..header.bytes()).expect("the frame fits its buffer");
@@ -199,10 +202,10 @@ impl Link {
         Some(header)
     }
 
-    /// Writes words.
+    /// Writes one word.
     ///
     /// # Panics
-    /// When the disk is full.
+    /// Panics if the disk is full.
     pub fn put(&mut self, word: u32) {
         self.results.write_all(&word.to_le_bytes()).ok().expect("results can be written");
     }
@@ -212,10 +215,10 @@ impl Link {
 pub struct Port(());
 
 impl Port {
-    /// Switches it on.
+    /// Switches the port on.
     #[must_use]
     pub fn open() -> Self {
-        // SAFETY: the port's registers (divisor, control), which nothing else touches.
+        // SAFETY: these are the port's registers (divisor, control), and nothing else accesses them.
         unsafe {
             write_volatile(UART.add(4), 16);
             write_volatile(UART.add(2), 1);
@@ -227,7 +230,7 @@ impl Port {
 impl core::fmt::Write for Port {
     fn write_str(&mut self, text: &str) -> core::fmt::Result {
         for byte in text.bytes() {
-            // SAFETY: the port's registers; bit 0 of the second says that it is busy.
+            // SAFETY: these are the port's registers. Bit 0 of the second register means busy.
             unsafe {
                 while read_volatile(UART.add(1)) & 1 != 0 {}
                 write_volatile(UART, u32::from(byte));
@@ -237,7 +240,7 @@ impl core::fmt::Write for Port {
     }
 }
 
-/// Ends the emulator: all went well.
+/// Ends the emulator with status 0.
 pub fn finish() -> ! {
     semihosting::process::exit(0)
 }

@@ -1,9 +1,9 @@
-//! An object from the middle of a frame, learnt on the board.
+//! Learns an object on the board, from the middle of a frame.
 //!
-//! In: a raw frame of two bytes a pixel (YUYV, RGB565) with the object in its middle.
-//! Out: a model. Memory: a [`Learner`], which is needed before the detector and not
-//! beside it, so that the two share their memory; so does the model, until it is
-//! written to flash. Cost: that of training, some seconds on a Cortex-M7.
+//! In: a raw frame with two bytes per pixel (YUYV, RGB565) and the object in its middle. Out: a
+//! model. Memory: a [`Learner`]. It is needed before the detector and never beside it, so that the
+//! two share their memory. The model lies in the same memory until it is written to flash. Cost:
+//! the cost of training, some seconds on a Cortex-M7.
 
 use keygraph_core::capacity::{chroma_bytes, luma_bytes};
 use keygraph_core::feature::FeatureKind;
@@ -13,8 +13,8 @@ use keygraph_core::train::{TrainError, TrainParams, Trainer, ViewSpec};
 
 use crate::wire::FrameHeader;
 
-/// Longer and shorter side of the largest object that is learnt, px: what fits where
-/// the detector will be.
+/// Returns the longer and the shorter side of the largest object that can be learnt, px. An object
+/// of this size fits the memory that the detector uses later.
 #[must_use]
 pub const fn largest(qqvga: bool) -> [usize; 2] {
     if qqvga { [112, 84] } else { [240, 180] }
@@ -22,12 +22,12 @@ pub const fn largest(qqvga: bool) -> [usize; 2] {
 
 const QQVGA: bool = !cfg!(any(feature = "qvga", feature = "vga"));
 const LARGEST: [usize; 2] = largest(QQVGA);
-/// Most bytes of the model.
+/// Maximum size of the model, bytes.
 pub const MODEL_BYTES: usize = if QQVGA { 24 << 10 } else { 64 << 10 };
 
 const PIXELS: usize = LARGEST[0] * LARGEST[1];
 
-/// Memory that an object is learnt in.
+/// Memory for learning an object.
 pub struct Learner {
     trainer: Trainer<{ luma_bytes(PIXELS) }, { chroma_bytes(PIXELS) }, { LARGEST[0] }, 640>,
     model: [u8; MODEL_BYTES],
@@ -37,7 +37,7 @@ const fn view(side_px: f32, squeeze: f32, direction_deg: f32, keypoints: u8) -> 
     ViewSpec { side_px, squeeze, direction_deg, keypoints }
 }
 
-/// From the front at four sizes, and tilted at one.
+/// Views of the model: four sizes from the front, and one size tilted in four directions.
 const VIEWS: [ViewSpec; 8] = [
     view(240.0, 1.0, 0.0, 90),
     view(170.0, 1.0, 0.0, 80),
@@ -50,14 +50,14 @@ const VIEWS: [ViewSpec; 8] = [
 ];
 
 impl Learner {
-    /// Learns the middle `size` px of the frame in `buffer`, which is cropped in place.
-    /// The bytes of the model.
+    /// Learns the middle `size` px of the frame in `buffer`, and returns the bytes of the model.
+    /// The frame is cropped in place.
     ///
     /// # Errors
-    /// Those of training.
+    /// Fails if training fails.
     ///
     /// # Panics
-    /// When the format has not two bytes a pixel, or `size` exceeds the frame.
+    /// Panics if the format does not have two bytes per pixel, or if `size` exceeds the frame.
     #[inline(never)]
     pub fn learn(&mut self, header: &FrameHeader, buffer: &mut [u8], size: [usize; 2]) -> Result<&[u8], TrainError> {
         let bytes = crop(header, buffer, size);
@@ -75,12 +75,12 @@ impl Learner {
     }
 }
 
-/// Moves the middle of the frame to the start of its buffer; how many bytes it has.
+/// Moves the middle of the frame to the start of its buffer, and returns the size of that part, bytes.
 fn crop(header: &FrameHeader, buffer: &mut [u8], [cw, ch]: [usize; 2]) -> usize {
     let [w, h] = header.size.map(|v| v as usize);
     assert!(header.format.bytes(2, 1) == 4, "learning takes YUYV or RGB565");
     assert!(cw <= w && ch <= h, "the object exceeds the frame");
-    // Pairs of pixels share chroma.
+    // Two neighbouring pixels share chroma, so the first column must be even.
     let (x, y) = ((w - cw) / 2 & !1, (h - ch) / 2);
     for row in 0..ch {
         let from = 2 * ((y + row) * w + x);
@@ -96,7 +96,7 @@ mod tests {
 
     #[test]
     fn the_middle_stays() {
-        // Columns and rows are numbered; a pixel is (column, row).
+        // Each pixel holds its own column and row.
         let mut frame: [u8; 2 * 8 * 6] = core::array::from_fn(|i| [i / 2 % 8, i / 16][i % 2] as u8);
         let header = FrameHeader { format: PixelFormat::Rgb565, size: [8, 6] };
         assert_eq!(crop(&header, &mut frame, [4, 2]), 16);

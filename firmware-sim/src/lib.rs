@@ -1,12 +1,11 @@
-//! What the emulated board and the laptop beside it have in common, and what the
-//! firmwares share.
+//! Parts that the emulated board and the laptop share, and parts that the firmware programs share.
 //!
-//! - [`wire`]: frames to the board, results from it
+//! - [`wire`]: frames to the board, results from the board
 //! - [`profile`]: the detector of the build
-//! - [`sensor`]: what a camera has to offer, and the loop that serves it
-//! - [`learn`]: an object from the middle of a frame
-//! - `board`, `search` (on the board only): the emulated board's clock, flash, memory
-//!   and files; frames from them through the detector
+//! - [`sensor`]: the interface of a camera, and the loop that serves it
+//! - [`learn`]: learns an object from the middle of a frame
+//! - `board` (built for the board only): clock, flash, memory and files of the emulated board
+//! - `search` (built for the board only): searches the frames that come from the laptop
 
 #![no_std]
 

@@ -1,16 +1,16 @@
-//! The detector of the build: feature `qvga` or `vga`, else qqvga.
+//! The detector of the build. The features `qvga` and `vga` select it; without them it is qqvga.
 //!
-//! In, out: types alone. Memory: a detector and a raw frame of two bytes a pixel.
+//! In, out: only types. Memory: a detector, and a raw frame with two bytes per pixel.
 
-/// The detector.
+/// Detector for frames of 320x240 px.
 #[cfg(feature = "qvga")]
 pub type Detector = keygraph_core::detect::QvgaDetector;
-/// The detector.
+/// Detector for frames of 640x480 px.
 #[cfg(feature = "vga")]
 pub type Detector = keygraph_core::detect::VgaDetector;
-/// The detector.
+/// Detector for frames of 160x120 px.
 #[cfg(not(any(feature = "qvga", feature = "vga")))]
 pub type Detector = keygraph_core::detect::QqvgaDetector;
 
-/// Bytes of the largest frame.
+/// Size of the largest frame, bytes.
 pub const FRAME_BYTES: usize = 2 * Detector::MAX_PIXELS;

@@ -1,8 +1,8 @@
-//! Frames from the laptop through the detector.
+//! Searches the frames that come from the laptop.
 //!
-//! In: a detector, a model, frames from the [`Link`]. Out: a [`Report`] a frame.
-//! Memory: what a report takes of the stack, 300 bytes. Cost: the detector's; digests
-//! and reports lie outside what is counted.
+//! In: a detector, a model, frames from the [`Link`]. Out: one [`Report`] per frame. Memory: 300
+//! bytes of stack for a report. Cost: the cost of the detector. Digests and reports are not part of
+//! the counted time.
 
 use keygraph_core::capacity::Stage;
 use keygraph_core::detect::{Observer, Output};
@@ -14,7 +14,7 @@ use crate::board::{Link, stack_bytes, ticks};
 use crate::profile::Detector;
 use crate::wire::{FrameHeader, Job, Report};
 
-/// Reads the board's clock, and makes digests if asked for.
+/// An observer that reads the board's clock, and makes digests if the job asks for them.
 struct Watch {
     digests: Option<Digests>,
 }
@@ -31,10 +31,10 @@ impl Observer for Watch {
     }
 }
 
-/// Searches every frame that is left, and reports.
+/// Searches all frames that are left, and reports each of them.
 ///
 /// # Panics
-/// When a frame does not suit the detector.
+/// Panics if the detector refuses a frame.
 #[inline(never)]
 pub fn search_all(detector: &mut Detector, model: &Model<'_>, job: &Job, link: &mut Link, buffer: &mut [u8]) {
     link.put(size_of::<Detector>() as u32);

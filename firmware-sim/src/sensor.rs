@@ -1,8 +1,8 @@
-//! What a camera has to offer to the detector, and the loop that serves it.
+//! The interface between a camera and the detector, and the loop that serves a camera.
 //!
-//! In: a [`Sensor`], which fills one buffer while the other is searched. Out: one line
-//! of text a detection over a serial port. Memory: two raw frames, which the sensor
-//! owns. Cost: the detector's; the next frame arrives meanwhile.
+//! In: a [`Sensor`], which fills one buffer while the other is searched. Out: one line of text per
+//! detection, over a serial port. Memory: two raw frames, which the sensor owns. Cost: the cost of
+//! the detector. The next frame arrives during the search.
 
 use core::fmt::Write;
 
@@ -14,20 +14,20 @@ use crate::profile::Detector;
 
 /// A camera with two buffers.
 pub trait Sensor {
-    /// Waits until the frame that is arriving is whole, lets the next one arrive in the
-    /// other buffer, and gives the whole one, which stays until the next call. `None`
-    /// when the camera has stopped.
+    /// Waits until the arriving frame is whole, lets the next frame arrive in the other buffer, and
+    /// returns the whole frame. That frame stays valid until the next call. Returns `None` if the
+    /// camera has stopped.
     ///
     /// # Errors
-    /// [`FrameError`] when the camera's mode does not suit the detector.
+    /// Fails with [`FrameError`] if the mode of the camera does not suit the detector.
     fn next(&mut self) -> Option<Result<Frame<'_>, FrameError>>;
 }
 
-/// Searches every frame of `sensor`, and tells what was found: frame, object, score in
-/// percent, and the corners of its outline, px.
+/// Searches every frame of `sensor`. Writes one line per detection: number of the frame, object,
+/// score in percent, and the corners of the outline in px.
 ///
 /// # Errors
-/// When the port fails.
+/// Fails if the port fails.
 pub fn serve(
     sensor: &mut impl Sensor,
     detector: &mut Detector,
@@ -41,7 +41,7 @@ pub fn serve(
             Ok(found) => {
                 for d in found {
                     let name = model.object(usize::from(d.object)).name;
-                    // Whole numbers: printing floats costs 12 KB of code.
+                    // Whole numbers, because printing floats costs 12 KB of code.
                     let (percent, corners) = ((100.0 * d.score) as u32, d.corners.map(|p| p.map(|v| v as i32)));
                     writeln!(port, "{number} {name} {percent} % {corners:?}")?;
                 }

@@ -1,9 +1,9 @@
-//! Frames to the board, results from it.
+//! The protocol between the laptop and the board.
 //!
-//! In and out: little-endian words of 32 bits. The laptop writes a [`Job`], then each
-//! frame as a [`FrameHeader`] and its bytes; the board answers with the size of its detector
-//! and of its buffers, then with one [`Report`] a frame. Memory: none on the board. Cost: a word
-//! each.
+//! In and out: little-endian words of 32 bits. The laptop writes a [`Job`], then each frame as a
+//! [`FrameHeader`] and its bytes. The board answers with the sizes of its detector and of its
+//! buffers, then with one [`Report`] per frame. Memory: none on the board. Cost: one access per
+//! word.
 
 use core::ffi::CStr;
 
@@ -14,105 +14,105 @@ use keygraph_core::frame::PixelFormat;
 use keygraph_core::geometry::Homography;
 use keygraph_core::heapless::Vec;
 
-/// File that the board reads.
+/// Name of the file that the board reads.
 pub const FRAMES: &CStr = c"frames.bin";
-/// File that the board writes.
+/// Name of the file that the board writes.
 pub const RESULTS: &CStr = c"results.bin";
 
-/// Instructions that a tick of the emulated board's clock stands for, as a fraction:
-/// one takes 16 ns, the clock counts at 25 MHz.
+/// Number of instructions per tick of the emulated board's clock, as a fraction. An instruction
+/// takes 16 ns. The clock counts at 25 MHz, so that a tick takes 40 ns.
 const INSTRUCTIONS_PER_TICK: (u64, u64) = (40, 16);
-/// The emulator's word for that: an instruction takes 2^4 ns.
+/// Option of the emulator for this rate: an instruction takes 2^4 ns.
 pub const ICOUNT: &str = "shift=4";
 
-/// The instructions that so many ticks stand for.
+/// Converts clock ticks to instructions.
 #[must_use]
 pub const fn instructions(ticks: u32) -> u64 {
     ticks as u64 * INSTRUCTIONS_PER_TICK.0 / INSTRUCTIONS_PER_TICK.1
 }
 
-/// What the board is to do with all frames.
+/// The job of the board. It holds for all frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Job {
-    /// Least score of a detection.
+    /// Minimum score of a detection.
     pub threshold: f32,
-    /// Whether to make digests.
+    /// Whether the board makes digests.
     pub digests: bool,
-    /// Width and height of the middle of the first frame that is to be learnt, px; zero
-    /// where nothing is.
+    /// Width and height of the part in the middle of the first frame that is learnt, px. Zero if
+    /// nothing is learnt.
     pub learn: [u32; 2],
 }
 
 impl Job {
-    /// How many words it has.
+    /// Number of words of a job.
     pub const WORDS: usize = 4;
 
-    /// As words.
+    /// Encodes the job as words.
     #[must_use]
     pub const fn encode(&self) -> [u32; Self::WORDS] {
         [self.threshold.to_bits(), self.digests as u32, self.learn[0], self.learn[1]]
     }
 
-    /// From words.
+    /// Decodes a job from words.
     #[must_use]
     pub const fn decode([threshold, digests, width, height]: [u32; Self::WORDS]) -> Self {
         Self { threshold: f32::from_bits(threshold), digests: digests != 0, learn: [width, height] }
     }
 }
 
-/// What stands before the bytes of a frame.
+/// The header of a frame. It stands before the bytes of the frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FrameHeader {
-    /// How its pixels lie.
+    /// Pixel format of the frame.
     pub format: PixelFormat,
     /// Width and height, px.
     pub size: [u32; 2],
 }
 
 impl FrameHeader {
-    /// How many words it has.
+    /// Number of words of a header.
     pub const WORDS: usize = 3;
 
-    /// As words.
+    /// Encodes the header as words.
     #[must_use]
     pub const fn encode(&self) -> [u32; Self::WORDS] {
         [self.format as u32, self.size[0], self.size[1]]
     }
 
-    /// From words; `None` for a format that does not exist.
+    /// Decodes a header from words. Returns `None` if the format does not exist.
     #[must_use]
     pub fn decode([format, width, height]: [u32; Self::WORDS]) -> Option<Self> {
         Some(Self { format: *PixelFormat::ALL.get(format as usize)?, size: [width, height] })
     }
 
-    /// Bytes of the frame.
+    /// Returns the size of the frame, bytes.
     #[must_use]
     pub const fn bytes(&self) -> usize {
         self.format.bytes(self.size[0] as usize, self.size[1] as usize)
     }
 }
 
-/// What the board tells of a frame.
+/// The report of the board on one frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Report {
-    /// Clock ticks by stage.
+    /// Clock ticks of each stage.
     pub ticks: [u32; Stage::COUNT],
-    /// Counts by stage.
+    /// Counts of each stage.
     pub stages: [StageStats; Stage::COUNT],
-    /// Digests by stage.
+    /// Digest of each stage.
     pub digests: [u32; Stage::COUNT],
-    /// Most bytes of stack that were used so far.
+    /// Maximum stack use so far, bytes.
     pub stack_bytes: u32,
 }
 
 impl Report {
-    /// Instructions by stage.
+    /// Returns the instructions of each stage.
     #[must_use]
     pub fn instructions(&self) -> [u64; Stage::COUNT] {
         self.ticks.map(instructions)
     }
 
-    /// Hands every word of it and of what was found to `put`.
+    /// Passes every word of the report and of the detections to `put`.
     pub fn encode(&self, detections: &[Detection], put: &mut impl FnMut(u32)) {
         self.ticks.iter().for_each(|&t| put(t));
         self.stages.iter().flat_map(|s| [s.seen, s.kept, s.dropped]).for_each(&mut *put);
@@ -128,8 +128,8 @@ impl Report {
         }
     }
 
-    /// Takes a report and what was found from `next`, word by word; `None` when they
-    /// end too early.
+    /// Reads a report and the detections from `next`, word by word. Returns `None` if the words end
+    /// too early.
     pub fn decode(next: &mut impl FnMut() -> Option<u32>) -> Option<(Self, Vec<Detection, DETECTIONS>)> {
         let mut report = Self::default();
         for t in &mut report.ticks {

@@ -1,7 +1,7 @@
 //! Writes the first inputs of every fuzz target: real pixels, models and corners.
 //!
-//! In: a folder. Out: `FOLDER/TARGET/NAME`, a few files for each target. Cost: under a
-//! second. `scripts/fuzz` runs it.
+//! In: a folder. Out: `FOLDER/TARGET/NAME`, a few files for each target. Cost: less than a second.
+//! `scripts/fuzz` runs this program.
 
 use std::path::Path;
 use std::{env, fs, io};
@@ -31,8 +31,8 @@ fn main() -> io::Result<()> {
         for k in (0u8..).zip(KINDS).map(|(k, _)| k) {
             let head = [k, f, sides[0], sides[1]];
             write("frame", format!("{format:?}-{k}"), &[&head[..], &pixels].concat())?;
-            // Three views of 24 keypoints, from the front and tilted; 200 keygraphs,
-            // 50 a subset, 40,000 bytes.
+            // Three views of 24 keypoints each, from the front and tilted; 200 keygraphs,
+            // 50 per subset, 40,000 bytes.
             let views = [24, 96, 255, 0, 24, 80, 180, 30, 24, 64, 255, 0];
             let numbers = [200, 0, 50, 64, 156, 95];
             let head = [&[k | 3 << 6][..], &views, &numbers, &[f, 48, 48]].concat();
@@ -48,7 +48,7 @@ fn main() -> io::Result<()> {
     Ok(())
 }
 
-/// A model of the same object twice.
+/// Returns a model that holds the same object twice.
 fn packed(bytes: &[u8]) -> Vec<u8> {
     let model = Model::parse(bytes).expect("it was trained");
     let mut out = vec![0; packed_len(&[model, model]).expect("they are alike")];
@@ -56,7 +56,7 @@ fn packed(bytes: &[u8]) -> Vec<u8> {
     out
 }
 
-/// The picture's corners, 4 bytes each.
+/// Returns the corners of the picture, 4 bytes each.
 fn corners() -> Vec<u8> {
     let frame = Frame::new(PixelFormat::Rgb8, PICTURE.0, PICTURE.1, picture()).expect("it has this size");
     let model = Model::parse(&models()[0]).expect("it was trained");
@@ -65,18 +65,17 @@ fn corners() -> Vec<u8> {
     detector.corners().flat_map(|p| p.map(|v| ((v * 16.0) as u16).to_le_bytes())).flatten().collect()
 }
 
-/// Points on a grid of eight by eight: many on a line, many on a circle.
+/// Returns points on a grid of eight by eight. Many of them share a line or a circle.
 fn grid() -> Vec<u8> {
     let places = (0..64u8).flat_map(|i| [i % 8, 0, i / 8, 0]);
     [25, 64, 3].into_iter().chain(places).collect()
 }
 
-/// RGB pixels, `w` a row, in another format; chroma of each 2x2 block is its first
-/// pixel's.
+/// Converts RGB pixels, `w` per row, to another format. A 2x2 block takes the chroma of its first pixel.
 fn convert(format: PixelFormat, rgb: &[u8], w: usize) -> Vec<u8> {
     let h = rgb.len() / 3 / w;
     let at = |x: usize, y: usize| [0, 1, 2].map(|c| i32::from(rgb[3 * (y * w + x) + c]));
-    // BT.601, limited range.
+    // Conversion of BT.601, limited range.
     let byte = |v: i32| u8::try_from((v + 128) >> 8).unwrap_or(0);
     let luma = |x, y| {
         let [r, g, b] = at(x, y);

@@ -1,7 +1,7 @@
-//! Any keypoints and triples from a foreign finder: searched without a panic.
+//! Fuzz target: any keypoints and triples from a foreign finder. The search must not panic.
 //!
-//! In: which model, how many keypoints a level, keypoints and triples. Out: nothing.
-//! Cost: one qqvga frame without corners and triangulation.
+//! In: the model to use, the number of keypoints per level, keypoints and triples. Out: nothing.
+//! Cost: one qqvga frame without corner detection and triangulation.
 #![no_main]
 
 use keygraph_core::capacity::StageStats;
@@ -35,7 +35,7 @@ impl Finder for Foreign<'_> {
     }
 
     fn triples(&mut self, points: &[Point], out: &mut VecView<Triple>) -> StageStats {
-        // Every triple of near indices, and some from the fuzzer.
+        // Triples of neighbouring indices, of spread indices, and of indices from the fuzzer.
         let n = u16::try_from(points.len()).unwrap_or(0);
         for i in 2..n {
             let _ = out.push([i - 2, i - 1, i]);

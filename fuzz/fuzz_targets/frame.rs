@@ -1,7 +1,6 @@
-//! Any pixels in any format as a frame: searched without a panic.
+//! Fuzz target: any pixels in any format as a frame. The search must not panic.
 //!
-//! In: which model, format, width, height, pixels. Out: nothing. Cost: one qqvga
-//! frame.
+//! In: the model to use, format, width, height, pixels. Out: nothing. Cost: one qqvga frame.
 #![no_main]
 
 use keygraph_core::frame::Frame;

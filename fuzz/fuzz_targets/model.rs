@@ -1,8 +1,9 @@
-//! Any bytes as a model: refused, or searched for without a panic.
+//! Fuzz target: any bytes as a model. The parser must refuse them, or the search must not panic.
 //!
-//! In: bytes, made a model's as far as its header goes. Out: nothing; an accepted
-//! model is searched for in a frame that shows the seeds' object, or in one of noise as
-//! its checksum says, and packed with itself, which is searched for too. Cost: two qqvga frames.
+//! In: bytes. Their header is mended so that it looks like the header of a model. Out: nothing. An
+//! accepted model is searched for in a frame that shows the object of the seeds, or in a frame of
+//! noise; the checksum selects which. The model is then packed with itself, and the pack is
+//! searched for too. Cost: two qqvga frames.
 #![no_main]
 
 use std::sync::LazyLock;
@@ -31,7 +32,7 @@ fuzz_target!(|data: &[u8]| {
     let mut bytes = data.to_vec();
     mend(&mut bytes);
     let Ok(model) = Model::parse(&bytes) else { return };
-    // One of four looks into noise, so that most runs have matches to work on.
+    // One model in four is searched for in noise. The others have matches to work on.
     let frame = match bytes[12] % 4 {
         0 => Frame::new(PixelFormat::Yuyv, NOISE.0, NOISE.1, &NOISY),
         _ => Frame::new(PixelFormat::Rgb8, PICTURE.0, PICTURE.1, picture()),
@@ -45,7 +46,7 @@ fuzz_target!(|data: &[u8]| {
         assert_eq!(pack(&[model, model], &mut packed), Ok(n));
         let both = Model::parse(&packed).expect("packing keeps models whole");
         assert_eq!(both.objects(), 2 * model.objects());
-        // By its lists.
+        // A pack is searched by its lists.
         detector.detect(&frame, &both, 0.0, &mut || 0).expect("it fits the profile");
         check(&detector, &both);
     }

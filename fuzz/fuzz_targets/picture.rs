@@ -1,8 +1,8 @@
-//! Any picture and any parameters: refused, or a model that parses and is searched
-//! for without a panic.
+//! Fuzz target: any picture and any parameters of training. Training must refuse them, or give a
+//! model that parses and that the search takes without a panic.
 //!
-//! In: what to train, up to three views, the original's size, room, then a picture.
-//! Out: nothing. Cost: training on at most 64 x 64 px, and one qqvga frame.
+//! In: the kind of model, up to three views, the size of the original, the room for the model, then
+//! a picture. Out: nothing. Cost: training on at most 64 x 64 px, and one qqvga frame.
 #![no_main]
 
 use keygraph_core::frame::Frame;
@@ -11,7 +11,7 @@ use keygraph_core::train::{TrainParams, ViewSpec};
 use keygraph_fuzz::{Input, KINDS, check, detector, frame_bytes, trainer};
 use libfuzzer_sys::fuzz_target;
 
-/// What is trained, from the first bytes.
+/// Reads a view from the input. With `wild`, its numbers may be any floats.
 fn view(input: &mut Input<'_>, wild: bool) -> ViewSpec {
     let keypoints = input.byte() % 40;
     if wild {

@@ -1,9 +1,9 @@
-//! Any points: their triangulation is a Delaunay triangulation.
+//! Fuzz target: any points. Their triangulation must be a Delaunay triangulation.
 //!
-//! In: two level lengths, whether to keep to the range that corners have, points.
-//! Out: nothing. Checked for points in range: every triangle turns the right way, no
-//! point lies in its circle, and the triangles cover the hull. Cost: triangles times
-//! points.
+//! In: two level lengths, whether the points stay in the range of corners, points. Out: nothing.
+//! For points in that range the target checks that every triangle turns the right way, that no
+//! point lies inside its circumcircle, and that the triangles cover the hull. Cost: proportional to
+//! triangles times points.
 #![no_main]
 
 use keygraph_core::delaunay::{Triangulation, Triple, triangulate};
@@ -23,7 +23,7 @@ fn triangles(points: &[Point], levels: &[usize]) -> Fixed<Triple, 1024> {
     out
 }
 
-/// Twice the area of the convex hull (A. Andrew's monotone chain, 1979).
+/// Returns twice the area of the convex hull (A. Andrew's monotone chain, 1979).
 fn hull_area2(points: &[Point]) -> i64 {
     let mut sorted = points.to_vec();
     sorted.sort_unstable();
@@ -51,7 +51,7 @@ fuzz_target!(|data: &[u8]| {
     let mut input = Input(data);
     let levels = [usize::from(input.byte()), usize::from(input.byte())];
     let mask = match input.byte() % 4 {
-        // Points that no corner has: there must be an end to it all the same.
+        // No corner has such coordinates. The triangulation must end nevertheless.
         0 => !0,
         1 => 0x7fff,
         2 => 0x00ff,

@@ -1,8 +1,8 @@
-//! What the fuzz targets share.
+//! Parts that the fuzz targets share.
 //!
-//! In: the fuzzer's bytes. Out: frames, models and pictures made of them, and the
-//! checks that hold for whatever a detector answers. Cost: a model is trained once
-//! a process; a qqvga frame with debug assertions takes some milliseconds.
+//! In: the fuzzer's bytes. Out: frames, models and pictures made from them, and checks that every
+//! result of a detector must pass. Cost: models are trained once per process; a qqvga frame with
+//! debug assertions takes some milliseconds.
 
 use std::sync::{LazyLock, Mutex, MutexGuard, PoisonError};
 
@@ -15,7 +15,7 @@ use keygraph_core::train::{QqvgaTrainer, TrainParams, ViewSpec};
 use zune_jpeg::JpegDecoder;
 use zune_jpeg::zune_core::bytestream::ZCursor;
 
-/// Every kind of model that training makes; a byte of the fuzzer picks one.
+/// Every kind of model that training makes. A byte of the fuzzer selects one.
 pub const KINDS: [(Method, FeatureKind); 4] = [
     (Method::Keygraph, FeatureKind::Both),
     (Method::Keygraph, FeatureKind::Luma),
@@ -23,23 +23,23 @@ pub const KINDS: [(Method, FeatureKind); 4] = [
     (Method::Paper, FeatureKind::Chroma),
 ];
 
-/// Size of [`picture`], px.
+/// Width and height of [`picture`], px.
 pub const PICTURE: (usize, usize) = (128, 64);
 
 static DETECTOR: Mutex<QqvgaDetector> = Mutex::new(QqvgaDetector::new());
 static TRAINER: Mutex<QqvgaTrainer> = Mutex::new(QqvgaTrainer::new());
 
-/// The detector of this process.
+/// Returns the detector of this process.
 pub fn detector() -> MutexGuard<'static, QqvgaDetector> {
     DETECTOR.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// The trainer of this process.
+/// Returns the trainer of this process.
 pub fn trainer() -> MutexGuard<'static, QqvgaTrainer> {
     TRAINER.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Part of a real photograph, RGB: the object of all models.
+/// Returns a part of a real photograph, RGB. It is the object of all models.
 pub fn picture() -> &'static [u8] {
     static RGB: LazyLock<Vec<u8>> = LazyLock::new(|| {
         let file = include_bytes!("../../assets/pictures/astronaut.jpg");
@@ -52,7 +52,7 @@ pub fn picture() -> &'static [u8] {
     &RGB
 }
 
-/// A model of [`picture`] of some ten thousand bytes, for each of [`KINDS`].
+/// Returns a model of [`picture`] for each of [`KINDS`]. Each model has some ten thousand bytes.
 pub fn models() -> &'static [Vec<u8>; KINDS.len()] {
     static MODELS: LazyLock<[Vec<u8>; KINDS.len()]> = LazyLock::new(|| KINDS.map(|(m, f)| train(m, f)));
     &MODELS
@@ -73,8 +73,8 @@ fn train(method: Method, feature: FeatureKind) -> Vec<u8> {
     model
 }
 
-/// Makes magic, version, lengths and checksum right, and the bytes of templates what
-/// the other sections leave, so that the fuzzer's changes reach the checks behind.
+/// Corrects magic, version, lengths and checksum, and gives the templates the bytes that the other
+/// sections leave. The fuzzer's changes then reach the later checks of the parser.
 pub fn mend(model: &mut [u8]) {
     if model.len() < 44 {
         return;
@@ -84,7 +84,7 @@ pub fn mend(model: &mut [u8]) {
     model[6..8].copy_from_slice(&44u16.to_le_bytes());
     let length = model.len() as u32;
     model[8..12].copy_from_slice(&length.to_le_bytes());
-    // No second tiers and no lists.
+    // The model gets no second tiers and no lists.
     model[18..20].fill(0);
     model[40..44].fill(0);
     let count = |i: usize| u64::from(u32::from_le_bytes([0, 1, 2, 3].map(|k| model[20 + 4 * i + k])));
@@ -101,27 +101,27 @@ pub fn mend(model: &mut [u8]) {
     model[12..16].copy_from_slice(&crc.to_le_bytes());
 }
 
-/// Takes numbers off the front of the fuzzer's bytes; zeros when there are no more.
+/// Reads numbers from the front of the fuzzer's bytes, and zeros after their end.
 #[derive(Clone, Copy, Debug)]
 pub struct Input<'a>(pub &'a [u8]);
 
 impl Input<'_> {
-    /// The next byte.
+    /// Returns the next byte.
     pub fn byte(&mut self) -> u8 {
         self.array::<1>()[0]
     }
 
-    /// The next two bytes, little endian.
+    /// Returns the next two bytes, little endian.
     pub fn word(&mut self) -> u16 {
         u16::from_le_bytes(self.array())
     }
 
-    /// The next four bytes, little endian.
+    /// Returns the next four bytes, little endian.
     pub fn long(&mut self) -> u32 {
         u32::from_le_bytes(self.array())
     }
 
-    /// The next four bytes as a number of any kind: infinite, not a number, tiny.
+    /// Returns the next four bytes as a float. It may be infinite, tiny, or not a number.
     pub fn float(&mut self) -> f32 {
         f32::from_bits(self.long())
     }
@@ -134,14 +134,14 @@ impl Input<'_> {
         out
     }
 
-    /// `n` bytes: what is left, again and again.
+    /// Returns `n` bytes: the rest of the input, repeated as often as needed.
     pub fn fill(&self, n: usize) -> Vec<u8> {
         if self.0.is_empty() { vec![0; n] } else { self.0.iter().copied().cycle().take(n).collect() }
     }
 }
 
-/// A frame of the fuzzer's bytes: format, width and height first, then pixels. The
-/// sides are those that the format allows, up to the profile's.
+/// Makes a frame from the fuzzer's bytes: format, width and height first, then pixels. The sides
+/// are valid for the format and at most `max`.
 pub fn frame_bytes(input: &mut Input<'_>, max: (usize, usize)) -> (PixelFormat, usize, usize, Vec<u8>) {
     let format = PixelFormat::ALL[usize::from(input.byte()) % PixelFormat::ALL.len()];
     let (odd_width, odd_height) = match format {
@@ -157,7 +157,7 @@ pub fn frame_bytes(input: &mut Input<'_>, max: (usize, usize)) -> (PixelFormat, 
     (format, w, h, input.fill(format.bytes(w, h)))
 }
 
-/// What holds for the last frame of `detector`, whatever it was and the model.
+/// Checks the result of the last frame of `detector`. It must hold for every frame and model.
 pub fn check(detector: &QqvgaDetector, model: &Model<'_>) {
     let camera = Intrinsics::new(200.0, 200.0, 80.0, 60.0).expect("these are intrinsics");
     for d in detector.detections() {

@@ -1,19 +1,22 @@
-//! Following beside searching, on the same frames.
+//! Compares tracking with searching on the same frames.
 //!
 //!     cargo run --release -p keygraph-tests --example tracking [TRUTH.json ...]
 //!
-//! In: rendered sequences, and truth files of videos: a list of `{"name", "model":
-//! picture, "frames": [{"image", "H"}]}`, paths relative to the file, frames in order,
-//! H from picture px to frame px. Out: a table.
+//! In: rendered sequences, or the truth files of videos. A truth file is a list of `{"name",
+//! "model": picture, "frames": [{"image", "H"}]}`. Paths are relative to the file, frames are in
+//! order, and H maps picture px to frame px. Out: a table.
 //!
-//! Found: a mean corner distance under 10 % of the object's size. Error and jitter are
-//! in px: the median distance of a corner from the truth, and the mean second
-//! difference of corners from frame to frame, of what is left after the truth is taken
-//! away (rendered) or of the corners themselves (video). Back: most frames from when
-//! half of the object is seen again until it is found. Times are in-process, one
-//! thread, from decoded pixels to detections.
+//! Columns of the table:
 //!
-//! Cost: some minutes; the untracked detector takes most of it.
+//! - found: frames in which the mean corner distance is under 10 % of the object's size
+//! - error: median distance of a corner from the truth, px
+//! - jitter: mean second difference of a corner from frame to frame, px. In rendered sequences it
+//!   is taken of the corner minus the truth, in videos of the corner itself.
+//! - back: maximum number of frames from the frame in which half of the object is seen again until
+//!   it is found
+//! - ms: time within the process, on one thread, from decoded pixels to detections
+//!
+//! Cost: some minutes, mostly for searching every frame.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::cast_possible_truncation, clippy::print_stdout)]
 
 use std::path::Path;
@@ -31,19 +34,19 @@ use serde_json::Value;
 
 type Outline = [[f32; 2]; 4];
 
-/// How one way of detecting fared over a sequence.
+/// Results of one way of detection over a sequence.
 #[derive(Default)]
 struct Tally {
     shown: usize,
     found: usize,
     wrong: usize,
     errors: Vec<f32>,
-    /// Corners of the last two frames less the truth's, for each copy.
+    /// Corners of each copy in the last two frames, minus the truth if `relative` is set.
     before: Vec<[Option<Outline>; 2]>,
     bends: Vec<f32>,
-    /// Frames that each copy has been seen and not found.
+    /// Number of frames in which each copy was seen but not found, since it was last found.
     waiting: Vec<usize>,
-    /// Whether it has been away since it was found.
+    /// Whether each copy has been away since it was last found.
     away: Vec<bool>,
     back: usize,
     searched_ms: Vec<f32>,
@@ -52,8 +55,9 @@ struct Tally {
 }
 
 impl Tally {
-    /// Adds a frame; of `copies`, outlines and the part seen, those half seen should be
-    /// found. With `relative`, jitter is that of the corners less the truth.
+    /// Adds a frame. `copies` holds the outline of each copy and the part of it that is seen. A
+    /// copy of which at least half is seen should be found. With `relative`, jitter is taken of the
+    /// corners minus the truth.
     fn add(&mut self, found: &Found, copies: &[(Outline, f32)], relative: bool) {
         let ms = found.total_ns as f32 / 1e6;
         let tracking = found.tracking.as_ref();
@@ -129,7 +133,7 @@ impl Tally {
     }
 }
 
-/// Both ways over the frames that `shot` gives.
+/// Searches and tracks the frames that `shot` gives, and prints both results.
 fn compare(
     name: &str,
     model: &Model<'_>,
@@ -150,8 +154,8 @@ fn compare(
     tracked.print(name, "tracked");
 }
 
-/// A thousand frames: does the error grow, and how far do corners that stand still
-/// move?
+/// Tracks 1,000 frames. Prints whether the error grows, and how far the corners deviate from their
+/// mean offset.
 fn drift(model: &Model<'_>, picture: &Picture, motion: Motion, noise: f32) {
     let sequence = Sequence::new(picture, motion, noise, 7);
     let mut tracker = Tracker::new();
@@ -188,7 +192,7 @@ fn outline(h: &Value, w: f32, ht: f32) -> Option<Outline> {
     Some(Homography(numbers.try_into().unwrap()).outline(w, ht))
 }
 
-/// A truth file: searched and tracked.
+/// Searches and tracks the video of a truth file.
 fn video(path: &Path) {
     let text = std::fs::read_to_string(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
     let folder = path.parent().unwrap();

@@ -1,8 +1,8 @@
-//! Which boards the detector fits on: the contents of `docs/fits-on.md`.
+//! The boards that the detector fits on: the contents of `docs/fits-on.md`.
 //!
-//! In: the sizes of the core's types, what the emulated board measured, and what makers
-//! say of their boards. Out: the page, as text; `tests/tests/fits_on.rs` compares it
-//! with the file, and writes it when told to. Cost: none worth telling.
+//! In: the sizes of the core's types, the measurements on the emulated boards, and the makers'
+//! figures of their boards. Out: the page as text. `tests/tests/fits_on.rs` compares it with the
+//! file, and writes the file if it is told to. Cost: negligible.
 
 use std::fmt::Write;
 use std::mem::size_of;
@@ -12,23 +12,22 @@ use keygraph::learn::Preset;
 use keygraph_core::detect::{HdDetector, QqvgaDetector, QvgaDetector, VgaDetector};
 use serde_json::Value;
 
-/// What `scripts/board --renew` has measured on the emulated boards (qqvga on the
-/// Cortex-M4, qvga and vga on the M7), built for size, and `scripts/instructions --renew` on
-/// x86-64.
+/// Figures that `scripts/board --renew` measured on the emulated boards (qqvga on the Cortex-M4,
+/// qvga and vga on the M7; the firmware is built for size), and that `scripts/instructions --renew`
+/// counted on x86-64.
 #[derive(Clone, Copy, Debug)]
 pub struct Measured {
-    /// Most of the stack that was ever used, bytes.
+    /// Maximum stack use, bytes.
     pub stack: usize,
-    /// Code and constants without the model, bytes.
+    /// Size of code and constants without the model, bytes.
     pub code: usize,
-    /// Millions of instructions that a searched frame takes (median), by profile:
-    /// qqvga, qvga, vga.
+    /// Million instructions per searched frame (median), by profile: qqvga, qvga, vga.
     pub instructions: [f64; 3],
-    /// The same for vga where numbers are computed side by side (mean).
+    /// Million instructions per searched vga frame (mean) on a processor with vectors.
     pub with_vectors: f64,
 }
 
-/// The figures of this version: those of `firmware-sim/baseline.json`.
+/// Figures of this version, from `firmware-sim/baseline.json` and `benches/instructions.json`.
 pub static MEASURED: LazyLock<Measured> = LazyLock::new(|| {
     let baseline: Value = serde_json::from_str(include_str!("../../firmware-sim/baseline.json")).unwrap_or_default();
     let boards = ["m4, qqvga", "m7, qvga", "n6, vga"].map(|name| &baseline["boards"][name]);
@@ -47,29 +46,30 @@ pub static MEASURED: LazyLock<Measured> = LazyLock::new(|| {
     }
 });
 
-/// Flash that the firmware sets aside for itself, bytes.
+/// Flash that the firmware reserves for code, bytes.
 const CODE_REGION: usize = 128 << 10;
 
-/// A detector and its frames.
+/// A detector and its frame size.
 #[derive(Clone, Copy, Debug)]
 pub struct Profile {
-    /// Its name on the command line.
+    /// Name of the profile on the command line.
     pub name: &'static str,
-    /// Width and height of its frames, px.
+    /// Width and height of the frames, px.
     pub frame: (usize, usize),
-    /// Bytes of the detector.
+    /// Size of the detector, bytes.
     pub detector: usize,
 }
 
 impl Profile {
-    /// Bytes of RAM: the detector, one raw frame of two bytes a pixel, the stack.
+    /// Returns the RAM that the profile needs, bytes: the detector, one raw frame with two bytes
+    /// per pixel, and the stack.
     #[must_use]
     pub fn ram(&self) -> usize {
         self.detector + 2 * self.frame.0 * self.frame.1 + MEASURED.stack
     }
 }
 
-/// The profiles, smallest first.
+/// All profiles, smallest first.
 pub const PROFILES: [Profile; 4] = [
     Profile { name: "qqvga", frame: (160, 120), detector: size_of::<QqvgaDetector>() },
     Profile { name: "qvga", frame: (320, 240), detector: size_of::<QvgaDetector>() },
@@ -77,19 +77,20 @@ pub const PROFILES: [Profile; 4] = [
     Profile { name: "hd", frame: (1280, 720), detector: size_of::<HdDetector>() },
 ];
 
-/// A board as its maker describes it.
+/// A board with the figures of its maker.
 #[derive(Clone, Copy, Debug)]
 struct Board {
     name: &'static str,
     core: &'static str,
     mhz: usize,
-    /// RAM on the chip that a detector can lie in: the largest piece of it, KB.
+    /// RAM on the chip that the profile can use, KB: the largest piece of it. On the STM32F405 it
+    /// is both pieces, the detector in one, frame and stack in the other.
     piece_kb: usize,
-    /// All RAM on the chip, and RAM beside it, KB.
+    /// RAM on the chip, and RAM beside the chip, KB.
     ram_kb: [usize; 2],
-    /// Flash on the chip and beside it, KB: models are read from either in place.
+    /// Flash on the chip, and flash beside the chip, KB. Models are read in place from either.
     flash_kb: [usize; 2],
-    /// The maker's pages.
+    /// Pages of the maker, with short names in place of addresses.
     source: &'static str,
 }
 
@@ -103,7 +104,7 @@ const RP2350: &str = "https://datasheets.raspberrypi.com/rp2350/rp2350-datasheet
 const PICO: &str = "https://www.raspberrypi.com/documentation/microcontrollers/pico-series.html";
 const RASPBERRY: &str = "https://www.raspberrypi.com/documentation/computers/processors.html";
 
-/// Microcontrollers.
+/// Boards with a microcontroller.
 const BOARDS: [Board; 8] = [
     Board {
         name: "STM32F405",
@@ -179,7 +180,7 @@ const BOARDS: [Board; 8] = [
     },
 ];
 
-/// Linux boards: RAM is never short, so the profile is a choice.
+/// Boards that run Linux. They always have enough RAM, so every profile fits.
 const LINUX: [Board; 2] = [
     Board {
         name: "Raspberry Pi Zero 2 W",
@@ -201,13 +202,13 @@ const LINUX: [Board; 2] = [
     },
 ];
 
-/// The largest profile that `kb` KB of RAM hold.
+/// Returns the largest profile that fits `kb` KB of RAM, as an index into `PROFILES`.
 fn largest(kb: usize) -> Option<usize> {
     PROFILES.iter().rposition(|p| p.ram() <= kb << 10)
 }
 
-/// The largest preset that flash of so many KB holds: beside the code on the chip, or
-/// beside the chip, with the code where the chip has none.
+/// Returns the largest preset that fits the flash on the chip and the flash beside it, KB. Code
+/// takes its share of the flash on the chip, or of the flash beside it if the chip has none.
 fn preset([inside, beside]: [usize; 2]) -> &'static str {
     let presets = [(Preset::Large, "large"), (Preset::Standard, "standard"), (Preset::Compact, "compact")];
     let room = (inside << 10).saturating_sub(CODE_REGION);
@@ -215,7 +216,7 @@ fn preset([inside, beside]: [usize; 2]) -> &'static str {
     presets.iter().find(|(p, _)| p.bytes() <= room.max(beside)).map_or("`train --bytes`", |(_, name)| name)
 }
 
-/// Names of pages to their addresses.
+/// Replaces the short names of pages by their addresses.
 fn linked(source: &str) -> String {
     let pages = [
         ("OPENMV", OPENMV),
@@ -243,14 +244,14 @@ fn size(kb: usize) -> String {
     }
 }
 
-/// Frames a second at one instruction a cycle.
+/// Returns the frames per second at one instruction per cycle, as text.
 #[allow(clippy::cast_precision_loss, reason = "MHz are small")]
 fn rate(millions: f64, mhz: usize) -> String {
     format!("{:.1} (computed)", mhz as f64 / millions)
 }
 
-/// Million instructions of a profile: those of hd follow from those of vga, as the pixels are
-/// more.
+/// Returns the million instructions of a profile, and how they are known. The figure of hd is
+/// computed from that of vga, in proportion to the number of pixels.
 fn instructions(profile: usize) -> (f64, &'static str) {
     if let Some(&millions) = MEASURED.instructions.get(profile) {
         return (millions, "measured");
@@ -260,7 +261,7 @@ fn instructions(profile: usize) -> (f64, &'static str) {
     (MEASURED.instructions[2] * (pixels / vga), "computed")
 }
 
-/// The whole of `docs/fits-on.md`.
+/// Returns the whole text of `docs/fits-on.md`.
 #[must_use]
 pub fn page() -> String {
     let mut page = String::from(HEAD);
@@ -279,7 +280,7 @@ pub fn page() -> String {
     let _ = writeln!(page, "\nCode and constants without the model: {} (measured).", kb(MEASURED.code));
     let _ = writeln!(
         page,
-        "With vectors, as on a laptop or an ARM Linux board, vga takes {:.1} M (measured on x86-64).",
+        "On a processor with vectors, such as a laptop or an ARM Linux board, vga takes {:.1} M (measured on x86-64).",
         MEASURED.with_vectors
     );
     page.push_str(BOARDS_HEAD);
@@ -324,19 +325,19 @@ pub fn page() -> String {
 const HEAD: &str = "\
 # Boards it fits on
 
-Nobody has run it on these boards yet. *Measured* is what the compiler or the emulated
-board counted, *computed* what follows from that; the boards' own figures (processor,
-RAM, flash) are their makers', on the pages named in the last column.
+Nobody has run Keygraph on these boards yet. *Measured* is a figure that the compiler or the
+emulated board counted. *Computed* is a figure that follows from measured figures. The figures
+of the boards (processor, RAM, flash) come from their makers, on the pages named in the last
+column.
 
-This page is written by a test from the sizes of the types, from
-`firmware-sim/baseline.json` and from `benches/instructions.json`, so that it is true of
-this version:
-`KEYGRAPH_WRITE=1 cargo test -p keygraph-tests --test fits_on`, or `scripts/board --renew`,
-which measures anew before. Instructions are those of four frames that show the object
-whole, from the side, small, and not at all (`compact`; with vectors `large`), harder ones
-than most: the median of 144 others is 15.9 M with qvga
-([decision 0012](decisions/0012-sixteen-million.md)). Those of hd are computed from those
-of vga, as its pixels are three times as many.
+A test writes this page from the sizes of the types, from `firmware-sim/baseline.json` and from
+`benches/instructions.json`, so that the page is true of this version. To write it again, run
+`KEYGRAPH_WRITE=1 cargo test -p keygraph-tests --test fits_on`, or `scripts/board --renew`, which
+also measures again. Instructions are the median of four frames that show the object whole, from
+the side, small, and not at all. The model is `compact`; the figure with vectors is the mean with
+a `large` model. These frames are harder than most: the median of 144 others is 15.9 M with qvga
+([decision 0012](decisions/0012-sixteen-million.md)). The instructions of hd are computed from
+those of vga, in proportion to the pixels, which are three times as many.
 
 ## What it takes
 
@@ -345,20 +346,20 @@ of vga, as its pixels are three times as many.
 const BOARDS_HEAD: &str = "
 ## Microcontrollers
 
-A profile fits where detector, one raw frame and the stack lie in the RAM on the chip:
-the largest piece of it, where it comes in pieces (512 KB of AXI SRAM on the STM32H743 and
-H747, of OCRAM on the RT1062, the other half being five pieces there and tightly coupled
-memory here; on the STM32F405 128 and 64 KB, the detector in the one, frame and stack in
-the other). RAM beside the chip holds larger profiles, several times slower. A second
-frame buffer, and the application, must go into what is left. The preset is the largest
-that the flash holds beside the code (of flash on and beside the chip the larger, read in
-place); one model may hold many objects.
+A profile fits if the detector, one raw frame and the stack fit the RAM on the chip. If that RAM
+comes in pieces, they must fit the largest piece: 512 KB of AXI SRAM on the STM32H743 and H747, and
+512 KB of OCRAM on the RT1062. The other half of the RAM is five pieces on the STM32H743 and H747,
+and tightly coupled memory on the RT1062. The STM32F405 has pieces of 128 and 64 KB: the detector
+lies in the first, frame and stack lie in the second. RAM beside the chip holds larger profiles,
+but is several times slower. A second frame buffer and the application must fit the remaining
+RAM. The preset is the largest that fits the flash beside the code. If there is flash on the chip
+and beside it, the larger counts; the model is read in place. One model may hold many objects.
 
-Frames a second are those of searching with the largest profile that the chip's own RAM
-holds, at one instruction a cycle: the true ratio depends on the processor, on the
-compiler and on how fast the flash is read. Those of a Cortex-M55 are of the code for the
-M7, which it runs without its vectors. The Vision Shield's cameras see no colour:
-train with `--luma` for them.
+Frames per second are for searching every frame, with the largest profile that fits the RAM on
+the chip, at one instruction per cycle. The true ratio depends on the processor, on the compiler
+and on the speed of the flash. The figure of the Cortex-M55 is for the code of the M7, which it
+runs without its vectors. The cameras of the Vision Shield have no colour: train with `--luma`
+for them.
 
 | board | processor | RAM on the chip, of it for the profile | RAM beside it | flash on the chip | flash beside it | profile | with the RAM beside | preset | frames a second | source |
 | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |
@@ -367,9 +368,9 @@ train with `--luma` for them.
 const LINUX_HEAD: &str = "
 ## Linux boards
 
-`scripts/build-arm` makes one static file for any of them. Memory is no matter; frames a
-second are those of vga on one core, at one instruction a cycle, of as many instructions as
-x86-64 takes.
+`scripts/build-arm` makes one static file for any of these boards. They always have enough memory.
+Frames per second are for searching every vga frame on one core, at one instruction per cycle, with
+as many instructions as on x86-64.
 
 | board | processor | RAM | profile | preset | frames a second | source |
 | --- | --- | --- | --- | --- | --- | --- |

@@ -1,5 +1,5 @@
-//! What the tests share: paths, pictures, small models and the places of a
-//! model's sections, worked out from `docs/model-format.md` and not from core.
+//! Parts that the tests share: paths, pictures, small models, and the places of a model's sections.
+//! The places follow `docs/model-format.md`, and do not use the code of core.
 
 pub mod boards;
 pub mod motion;
@@ -12,28 +12,28 @@ use keygraph_core::frame::{Frame, PixelFormat};
 use keygraph_core::model::{Method, crc32};
 use keygraph_core::train::{TrainParams, Trained, Trainer, ViewSpec};
 
-/// A file of the repository.
+/// Returns the path of a file of the repository.
 #[must_use]
 pub fn file(path: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(path)
 }
 
-/// Part of a picture, as RGB.
+/// A part of a picture, RGB.
 #[derive(Clone, Debug)]
 pub struct Crop {
     /// Width, px.
     pub width: usize,
     /// Height, px.
     pub height: usize,
-    /// `width * height` times red, green, blue.
+    /// Pixels in rows: `width * height` times red, green, blue.
     pub rgb: Vec<u8>,
 }
 
 impl Crop {
-    /// `width` x `height` px of `assets/pictures/NAME` from column `x`, row `y`.
+    /// Cuts `width` x `height` px out of `assets/pictures/NAME`, from column `x` and row `y` on.
     ///
     /// # Panics
-    /// When there is no such picture, or the part reaches beyond it.
+    /// Panics if there is no such picture, or if the part reaches beyond it.
     #[must_use]
     #[allow(clippy::unwrap_used, reason = "a missing picture ends the test")]
     pub fn of(name: &str, [x, y]: [u32; 2], [width, height]: [u32; 2]) -> Self {
@@ -43,10 +43,10 @@ impl Crop {
         Self { width: width as usize, height: height as usize, rgb: crop.into_raw() }
     }
 
-    /// The part as a frame.
+    /// Returns the part as a frame.
     ///
     /// # Panics
-    /// When it is smaller than a frame may be.
+    /// Panics if the part is smaller than the smallest frame.
     #[must_use]
     #[allow(clippy::unwrap_used, reason = "a wrong crop ends the test")]
     pub fn frame(&self) -> Frame<'_> {
@@ -54,18 +54,17 @@ impl Crop {
     }
 }
 
-/// The picture of the small models: 128 x 64 px of the astronaut, so that a
-/// template has 96 x 48.
+/// Returns the picture of the small models: 128 x 64 px of the astronaut. Its template has 96 x 48 px.
 #[must_use]
 pub fn small_picture() -> Crop {
     Crop::of("astronaut.jpg", [160, 60], [128, 64])
 }
 
-/// A model of [`small_picture`] with two views of up to `keypoints` corners: some
-/// ten thousand bytes, so that every byte can be damaged in turn.
+/// Trains a model of [`small_picture`] with two views of up to `keypoints` corners each. It has
+/// some ten thousand bytes, few enough to damage each byte in turn.
 ///
 /// # Panics
-/// When the picture cannot be trained.
+/// Panics if the picture cannot be trained.
 #[must_use]
 #[allow(clippy::unwrap_used, reason = "training is tested elsewhere")]
 pub fn small_model(method: Method, feature: FeatureKind, keypoints: u8) -> Vec<u8> {
@@ -86,53 +85,53 @@ pub fn small_model(method: Method, feature: FeatureKind, keypoints: u8) -> Vec<u
     model
 }
 
-/// Where the sections of a model start, from the counts in its header.
+/// Offsets of the sections of a model, bytes. They are computed from the counts in its header.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Sections {
-    /// Object records.
+    /// Start of the object records.
     pub objects: usize,
-    /// View records.
+    /// Start of the view records.
     pub views: usize,
-    /// Keypoint records.
+    /// Start of the keypoint records.
     pub keypoints: usize,
-    /// Subset table.
+    /// Start of the subset table.
     pub cells: usize,
-    /// Key records.
+    /// Start of the keys.
     pub keys: usize,
-    /// Vertex records.
+    /// Start of the vertex records.
     pub vertices: usize,
-    /// Features.
+    /// Start of the features.
     pub features: usize,
-    /// Sketches.
+    /// Start of the sketches.
     pub sketches: usize,
-    /// Templates.
+    /// Start of the templates.
     pub templates: usize,
     /// End of the model.
     pub end: usize,
 }
 
 impl Sections {
-    /// Header bytes.
+    /// Size of the header, bytes.
     pub const HEADER: usize = 44;
-    /// Bytes of an object record.
+    /// Size of an object record, bytes.
     pub const OBJECT: usize = 56;
-    /// Bytes of a view record.
+    /// Size of a view record, bytes.
     pub const VIEW: usize = 44;
-    /// Bytes of a keypoint record.
+    /// Size of a keypoint record, bytes.
     pub const KEYPOINT: usize = 4;
-    /// Subsets of a tier.
+    /// Number of subsets of a tier.
     pub const CELLS: usize = 864;
-    /// Bytes of a key record.
+    /// Size of a key, bytes.
     pub const KEY: usize = 5;
-    /// Bytes of a vertex record.
+    /// Size of a vertex record, bytes.
     pub const VERTICES: usize = 5;
-    /// Bytes of a sketch.
+    /// Size of a sketch, bytes.
     pub const SKETCH: usize = 8;
 
-    /// Reads the counts of `model`, which must have a whole header.
+    /// Computes the offsets for `model`, which must have a whole header.
     ///
     /// # Panics
-    /// When the header is cut off.
+    /// Panics if the header is incomplete.
     #[must_use]
     pub fn of(model: &[u8]) -> Self {
         let count = |i: usize| read_u32(model, 20 + 4 * i) as usize;
@@ -145,7 +144,7 @@ impl Sections {
         let views = objects + Self::OBJECT * count(0);
         let keypoints = views + Self::VIEW * count(1);
         let cells = keypoints + Self::KEYPOINT * count(2);
-        // Two lists, and one or two tiers an object.
+        // There are two lists or none, and one or two tiers per object.
         let tiers = usize::from(model[18] & 4) / 2 + count(0) * (1 + usize::from(model[18] & 2) / 2);
         let keys = cells + 4 * (tiers * Self::CELLS + 1);
         let vertices = keys + Self::KEY * count(3);
@@ -157,27 +156,27 @@ impl Sections {
     }
 }
 
-/// The little-endian `u32` at `at`.
+/// Reads the little-endian `u32` at offset `at`.
 ///
 /// # Panics
-/// When it lies beyond the end.
+/// Panics if the number lies beyond the end.
 #[must_use]
 pub fn read_u32(bytes: &[u8], at: usize) -> u32 {
     (0..4).map(|i| u32::from(bytes[at + i]) << (8 * i)).sum()
 }
 
-/// Overwrites the bytes at `at`.
+/// Overwrites the bytes from offset `at` on.
 ///
 /// # Panics
-/// When they reach beyond the end.
+/// Panics if the new bytes reach beyond the end.
 pub fn put(bytes: &mut [u8], at: usize, new: &[u8]) {
     bytes[at..at + new.len()].copy_from_slice(new);
 }
 
-/// Makes length and checksum right again after a change.
+/// Corrects length and checksum after a change.
 ///
 /// # Panics
-/// When the header is cut off.
+/// Panics if the header is incomplete.
 pub fn seal(model: &mut [u8]) {
     let length = u32::try_from(model.len()).unwrap_or(u32::MAX);
     put(model, 8, &length.to_le_bytes());

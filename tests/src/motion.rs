@@ -1,8 +1,6 @@
-//! Rendered sequences of a picture that moves before the camera, with its true pose
-//! in every frame.
+//! Rendered sequences of a picture that moves before the camera. The true pose is known in every frame.
 //!
-//! In: a picture, and what happens. Out: frames, each with the homographies of the
-//! copies in it.
+//! In: a picture and a motion. Out: frames, each with the true outlines of the copies in it.
 
 use keygraph::input::{Picture, read_picture};
 use keygraph::render::{Exposure, Pose, Print, Random, Scene};
@@ -10,34 +8,34 @@ use keygraph_core::geometry::{Homography, area, contains};
 
 use crate::file;
 
-/// What happens in a sequence.
+/// The motion of a sequence.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Motion {
     /// Nothing moves.
     Still,
-    /// It goes about at up to 8 px a frame, turning, tilting, coming and going.
+    /// The object moves at up to 8 px per frame. It turns, tilts, and changes its distance.
     Slow,
-    /// It goes about at up to 30 px a frame.
+    /// The object moves at up to 30 px per frame.
     Fast,
-    /// It moves by 25 px at once, and stands for a third of a second.
+    /// The object jumps by 25 px, and then stands still for a third of a second.
     Jumps,
-    /// It leaves the frame and comes back elsewhere.
+    /// The object leaves the frame and comes back at another place.
     Leaving,
-    /// Something passes before it until nothing is left to see.
+    /// A cover passes before the object until nothing of the object is seen.
     Hidden,
     /// Two copies pass each other.
     Copies,
 }
 
 impl Motion {
-    /// All of them.
+    /// All motions.
     pub const ALL: [Self; 7] =
         [Self::Still, Self::Slow, Self::Fast, Self::Jumps, Self::Leaving, Self::Hidden, Self::Copies];
 
-    /// Frames after which it begins again.
+    /// Number of frames after which a motion repeats.
     const PERIOD: usize = 120;
 
-    /// Where the copies are in frame `i`, of 640 x 480 px.
+    /// Returns the poses of the copies in frame `i`. The frame has 640 x 480 px.
     fn poses(self, i: usize) -> Vec<Pose> {
         let t = (i % Self::PERIOD) as f32 / Self::PERIOD as f32;
         let wave = |times: f32, phase: f32| (core::f32::consts::TAU * (times * t + phase)).sin();
@@ -61,7 +59,7 @@ impl Motion {
                 vec![at(280.0 + 18.0 * n, 220.0 + 18.0 * n)]
             }
             Self::Leaving => {
-                // Out to the right, in again from the left, lower.
+                // The object leaves at the right, and comes in again from the left and lower.
                 let x = 320.0 + 900.0 * t;
                 vec![if x < 770.0 { at(x, 240.0) } else { at(x - 900.0, 280.0) }]
             }
@@ -72,23 +70,23 @@ impl Motion {
         }
     }
 
-    /// The rectangle that something covers in frame `i`: corner and size, px.
+    /// Returns the rectangle that is covered in frame `i`: corner and size, px.
     fn cover(self, i: usize) -> Option<[[f32; 2]; 2]> {
         let x = -300.0 + (i % Self::PERIOD) as f32 * 10.0;
         (self == Self::Hidden).then_some([[x, 20.0], [300.0, 440.0]])
     }
 }
 
-/// A frame and what is in it.
+/// A frame and the copies in it.
 #[derive(Debug)]
 pub struct Shot {
     /// The frame.
     pub picture: Picture,
-    /// The true outline of each copy, frame px, and the part of it that is seen.
+    /// The true outline of each copy in frame px, and the part of it that is seen, 0 to 1.
     pub copies: Vec<([[f32; 2]; 4], f32)>,
 }
 
-/// A motion of one picture, before dead leaves.
+/// A motion of one picture before a background of dead leaves.
 #[derive(Debug)]
 pub struct Sequence {
     motion: Motion,
@@ -100,8 +98,8 @@ pub struct Sequence {
 }
 
 impl Sequence {
-    /// Frames of 640 x 480 px of `picture`; each channel has noise of this spread, of
-    /// 255.
+    /// Creates a sequence that shows `picture` in frames of 640 x 480 px. `noise` is the spread of
+    /// the noise in each channel, of 255.
     #[must_use]
     pub fn new(picture: &Picture, motion: Motion, noise: f32, seed: u64) -> Self {
         Self {
@@ -114,7 +112,7 @@ impl Sequence {
         }
     }
 
-    /// Frame `i`; the same whatever was asked for before.
+    /// Renders frame `i`. The result does not depend on earlier calls.
     #[must_use]
     pub fn shot(&self, i: usize) -> Shot {
         let mut random = Random::of(&[self.seed, 2, i as u64]);
@@ -122,7 +120,7 @@ impl Sequence {
         let poses: Vec<Homography> = self.motion.poses(i).iter().map(|p| scene.lay(&self.print, p)).collect();
         let cover = self.motion.cover(i);
         if let Some([corner, size]) = cover {
-            // It looks the same in every frame.
+            // The cover looks the same in every frame.
             scene.cover(corner, size, &mut Random::of(&[self.seed, 3]));
         }
         let copies = poses.iter().map(|h| {
@@ -133,7 +131,7 @@ impl Sequence {
     }
 }
 
-/// The part of an outline that lies in the frame and is not covered.
+/// Returns the part of an outline that lies in the frame and is not covered, 0 to 1.
 fn seen(outline: &[[f32; 2]; 4], cover: Option<[[f32; 2]; 2]>) -> f32 {
     let covered = |x: f32, y: f32| cover.is_some_and(|[[a, b], [w, h]]| x >= a && x < a + w && y >= b && y < b + h);
     let inside = |i: usize| {
@@ -143,10 +141,10 @@ fn seen(outline: &[[f32; 2]; 4], cover: Option<[[f32; 2]; 2]>) -> f32 {
     16.0 * (0..160 * 120).filter(|&i| inside(i)).count() as f32 / area(outline)
 }
 
-/// The picture that the sequences show.
+/// Reads the picture that the sequences show.
 ///
 /// # Panics
-/// When it is not there.
+/// Panics if the picture cannot be read.
 #[must_use]
 #[allow(clippy::unwrap_used, reason = "a missing picture ends the test")]
 pub fn astronaut() -> Picture {

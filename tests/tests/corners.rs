@@ -1,5 +1,5 @@
-//! Golden corners: ours against the lists of OpenCV's `goodFeaturesToTrack` in
-//! `tests/data/corners`, in their order.
+//! Compares our corners with golden lists: the corners of OpenCV's `goodFeaturesToTrack`, in their
+//! order, in `tests/data/corners`.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
 
 use std::fmt::Write;
@@ -10,23 +10,23 @@ use keygraph_core::pyramid::Plane;
 use keygraph_core::rank::rank_by_strength;
 use keygraph_tests::file;
 
-/// A line of a golden list.
+/// One corner of a golden list.
 #[derive(Clone, Copy, Debug)]
 struct Golden {
     x: i32,
     y: i32,
-    /// OpenCV's eigenvalue, turned into our strength: twice the smaller
-    /// eigenvalue of the integer structure tensor.
+    /// OpenCV's eigenvalue, converted to our strength: twice the smaller eigenvalue of the integer
+    /// structure tensor.
     strength: f64,
 }
 
-/// What a golden list says.
+/// The contents of a golden list.
 struct List {
     min_distance_px: u16,
     corners: Vec<Golden>,
 }
 
-/// 1 / scale^2 of the headers: eigenvalue = `lambda_int` / this.
+/// Factor 1 / scale^2 of the headers: `eigenvalue = lambda_int / PER_EIGENVALUE`.
 const PER_EIGENVALUE: f64 = 3060.0 * 3060.0;
 
 fn read_list(name: &str, kind: &str) -> List {
@@ -46,8 +46,8 @@ fn our_corners(name: &str, min_distance_px: u16, limit: usize) -> Vec<Corner> {
     let picture = image::open(file(&format!("tests/data/corners/{name}.png"))).unwrap().into_luma8();
     let (w, h) = (picture.width() as usize, picture.height() as usize);
     let plane = Plane::new(picture.as_raw(), w, h).unwrap();
-    // OpenCV's 0.01 is 655.36: rounded down, a few weak corners more come in at
-    // the end of a list that is cut long before.
+    // OpenCV's quality of 0.01 is 655.36 in our unit. Rounding down lets in a few more weak corners,
+    // at the end of a list that is cut long before.
     let params = CornerParams { quality_q16: 655, floor: 1, margin_px: 1 };
     let mut found: Box<FixedVec<Corner, 8192>> = Box::default();
     let mut scratch = vec![0.0; SCRATCH_ROWS * w];
@@ -62,7 +62,7 @@ fn is_same_place(c: &Corner, g: &Golden) -> bool {
     (x - g.x as f32).abs() < 1.0 && (y - g.y as f32).abs() < 1.0
 }
 
-/// Both lists around entry `at`, side by side.
+/// Returns both lists around entry `at`, side by side.
 fn side_by_side(ours: &[Corner], golden: &[Golden], at: usize) -> String {
     let mut out = String::from("entry |     ours x      y   strength |  OpenCV x  y   strength\n");
     for i in at.saturating_sub(2)..(at + 4).min(ours.len().max(golden.len())) {
@@ -87,7 +87,7 @@ fn compare(name: &str, kind: &str) {
     if ours.len() != golden.len() {
         differs(ours.len().min(golden.len()), &format!("{} corners for {}", ours.len(), golden.len()));
     }
-    // Runs of equal strength may come in any order.
+    // Corners of equal strength may come in any order.
     let mut start = 0;
     for run in ours.chunk_by(|a, b| a.strength == b.strength) {
         for (i, g) in golden[start..].iter().enumerate().take(run.len()) {
@@ -97,7 +97,7 @@ fn compare(name: &str, kind: &str) {
         }
         start += run.len();
     }
-    // OpenCV computes in float32 and we round up: 1 and 1e-6 of the largest.
+    // OpenCV computes in float32, and we round up: the tolerance is 1 plus 1e-6 of the largest strength.
     let tolerance = 1.0 + 1e-6 * golden[0].strength;
     for (i, (c, g)) in ours.iter().zip(golden).enumerate() {
         if (f64::from(c.strength) - g.strength).abs() > tolerance {

@@ -1,10 +1,9 @@
-//! The fixed-capacity triangulation against spade, and against what every
-//! Delaunay triangulation must fulfil.
+//! Compares the fixed-capacity triangulation with spade, and checks the properties that every
+//! Delaunay triangulation has.
 //!
-//! Where the triangulation is unique, the triangles must be spade's. Where four
-//! points share an empty circle there are several right answers: then the
-//! triangles must have empty circles, cover the hull once, and be as many as
-//! Euler says.
+//! Where the triangulation is unique, the triangles must be those of spade. Where four points share
+//! an empty circle, several triangulations are right. Then the triangles must have empty circles,
+//! cover the hull once, and be as many as Euler's formula says.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -17,10 +16,10 @@ use proptest::prelude::*;
 use proptest::test_runner::{RngSeed, TestCaseResult};
 use spade::{DelaunayTriangulation, Point2, Triangulation as _};
 
-/// Points that the triangulation under test has room for.
+/// Number of points that the triangulation under test has room for.
 const CAPACITY: usize = 64;
 
-/// The triangulation under test, with room for every triangle.
+/// Runs the triangulation under test, with room for every triangle.
 fn ours(points: &[Point], levels: &[usize]) -> (Vec<Triple>, StageStats) {
     let mut mesh: Triangulation<CAPACITY> = Triangulation::new();
     let mut out: FixedVec<Triple, 4096> = FixedVec::new();
@@ -28,12 +27,12 @@ fn ours(points: &[Point], levels: &[usize]) -> (Vec<Triple>, StageStats) {
     (out.to_vec(), stats)
 }
 
-/// The same triangle starting at its smallest index, the turn kept.
+/// Rotates a triangle so that its smallest index comes first. The orientation stays the same.
 fn turned([a, b, c]: Triple) -> Triple {
     [[a, b, c], [b, c, a], [c, a, b]].into_iter().min().unwrap()
 }
 
-/// The first index of each position.
+/// Returns the first index of each position.
 fn firsts(points: &[Point]) -> BTreeMap<Point, u16> {
     let mut map = BTreeMap::new();
     for (i, &p) in points.iter().enumerate() {
@@ -42,7 +41,7 @@ fn firsts(points: &[Point]) -> BTreeMap<Point, u16> {
     map
 }
 
-/// Spade's triangles of `points`, positive turn, and whether no others are right.
+/// Returns spade's triangles of `points` with positive orientation, and whether the triangulation is unique.
 fn oracle(points: &[Point]) -> (BTreeSet<Triple>, bool) {
     let mut mesh: DelaunayTriangulation<Point2<f64>> = DelaunayTriangulation::new();
     for p in points {
@@ -57,7 +56,7 @@ fn oracle(points: &[Point]) -> (BTreeSet<Triple>, bool) {
             turned(if turn > 0 { [a, b, c] } else { [a, c, b] })
         })
         .collect();
-    // Unique when no edge between two triangles could be flipped.
+    // The triangulation is unique if no edge between two triangles could be flipped.
     let mut apex = BTreeMap::new();
     for &[a, b, c] in &triangles {
         for (from, to, far) in [(a, b, c), (b, c, a), (c, a, b)] {
@@ -71,8 +70,8 @@ fn oracle(points: &[Point]) -> (BTreeSet<Triple>, bool) {
     (triangles, unique)
 }
 
-/// Corner points of the hull and the points on its edges, in order around it;
-/// fewer than three distinct directions give the points of the line.
+/// Returns the points on the hull in order around it: its corners and the points on its edges. If
+/// all points lie on one line, returns the points of that line.
 fn hull(points: &[Point]) -> Vec<Point> {
     let sorted: Vec<Point> = firsts(points).into_keys().collect();
     let chain = |points: &mut dyn Iterator<Item = Point>| {
@@ -97,7 +96,7 @@ fn is_flat(points: &[Point]) -> bool {
     points.iter().all(|&p| orient(first, second, p) == 0)
 }
 
-/// What must hold for the triangles of one triangulation of all `points`.
+/// Checks the properties of one triangulation of all `points`.
 fn check_is_delaunay(points: &[Point], triangles: &[Triple]) -> TestCaseResult {
     if is_flat(points) {
         prop_assert!(triangles.is_empty(), "points on a line have no triangles, not {triangles:?}");
@@ -127,13 +126,13 @@ fn check_is_delaunay(points: &[Point], triangles: &[Triple]) -> TestCaseResult {
         hull.len()
     );
     let twice_hull: i64 = (0..hull.len()).map(|i| orient(hull[0], hull[i], hull[(i + 1) % hull.len()])).sum();
-    prop_assert_eq!(area, twice_hull, "twice the area of the triangles, and of the hull");
+    prop_assert_eq!(area, twice_hull, "twice the area: of the triangles, of the hull");
     let open = edges.iter().filter(|&&(a, b)| !edges.contains(&(b, a))).count();
     prop_assert_eq!(open, hull.len(), "edges with a triangle on one side only");
     Ok(())
 }
 
-/// Everything that one point set is held against.
+/// Runs all checks on one point set.
 fn check(points: &[Point]) -> TestCaseResult {
     let inside = &points[..points.len().min(CAPACITY)];
     let over = points.len() - inside.len();
@@ -145,11 +144,11 @@ fn check(points: &[Point]) -> TestCaseResult {
     );
     check_is_delaunay(inside, &triangles)?;
     let (golden, unique) = oracle(inside);
-    prop_assert_eq!(triangles.len(), golden.len(), "triangles, and spade's");
+    prop_assert_eq!(triangles.len(), golden.len(), "number of triangles, ours and spade's");
     if unique {
         let ours: BTreeSet<Triple> = triangles.iter().copied().map(turned).collect();
         let differ: Vec<_> = ours.symmetric_difference(&golden).collect();
-        prop_assert!(differ.is_empty(), "ours or spade's alone: {differ:?}");
+        prop_assert!(differ.is_empty(), "triangles of only one of the two: {differ:?}");
     }
     Ok(())
 }
@@ -171,10 +170,10 @@ fn check_levels(points: &[Point], levels: &[usize]) -> TestCaseResult {
     }
     if all_unique {
         let differ: Vec<_> = union.symmetric_difference(&golden).collect();
-        prop_assert!(differ.is_empty(), "ours or spade's alone: {differ:?}");
+        prop_assert!(differ.is_empty(), "triangles of only one of the two: {differ:?}");
         return Ok(());
     }
-    // Otherwise each must at least be right in one prefix that holds it.
+    // Otherwise each triangle must be Delaunay in at least one prefix that holds it.
     for t in &union {
         let [a, b, c] = t.map(|v| inside[usize::from(v)]);
         let right = |prefix: &&[Point]| {
@@ -193,17 +192,17 @@ fn most() -> std::ops::Range<usize> {
     0..CAPACITY + 12
 }
 
-/// Anywhere that a coordinate can be.
+/// Generates points over the whole range of coordinates.
 fn random() -> impl Strategy<Value = Vec<Point>> {
     prop::collection::vec(point(0..=i16::MAX), most())
 }
 
-/// In so small a square that points repeat and circles are shared.
+/// Generates points in a square so small that points repeat and circles are shared.
 fn crowded() -> impl Strategy<Value = Vec<Point>> {
     prop::collection::vec(point(0..=9), most())
 }
 
-/// On one line, with up to two points aside.
+/// Generates points on one line, and up to two points beside it.
 fn collinear() -> impl Strategy<Value = Vec<Point>> {
     let step = (0i16..=40, 0i16..=40);
     let aside = prop::collection::vec(point(0..=8000), 0..3);
@@ -218,8 +217,8 @@ fn collinear() -> impl Strategy<Value = Vec<Point>> {
     )
 }
 
-/// On one circle: radius 65 has 36 points with whole coordinates. With others
-/// near it.
+/// Generates points on one circle, and other points around it. A circle of radius 65 has 36 points
+/// with integer coordinates.
 fn cocircular() -> impl Strategy<Value = Vec<Point>> {
     let circle: Vec<(i16, i16)> = (-65i16..=65)
         .flat_map(|x| (-65i16..=65).map(move |y| (x, y)))
@@ -233,13 +232,13 @@ fn cocircular() -> impl Strategy<Value = Vec<Point>> {
     })
 }
 
-/// Few places, each several times.
+/// Generates few positions, each of them several times.
 fn duplicates() -> impl Strategy<Value = Vec<Point>> {
     prop::collection::vec(point(0..=10_240), 1..12)
         .prop_flat_map(|places| prop::collection::vec(prop::sample::select(places), most()))
 }
 
-/// Part of a regular grid, in any order.
+/// Generates a part of a regular grid, in any order.
 fn grid() -> impl Strategy<Value = Vec<Point>> {
     (1i16..=9, 1i16..=9, 1i16..=900, 1i16..=900).prop_flat_map(|(columns, rows, dx, dy)| {
         let all: Vec<Point> = (0..columns * rows).map(|i| Point::new(i % columns * dx, i / columns * dy)).collect();
@@ -248,7 +247,7 @@ fn grid() -> impl Strategy<Value = Vec<Point>> {
     })
 }
 
-/// Dense heaps far apart.
+/// Generates dense clusters that lie far apart.
 fn clusters() -> impl Strategy<Value = Vec<Point>> {
     let middles = prop::collection::vec(point(40..=i16::MAX - 40), 1..5);
     middles.prop_flat_map(|middles| {
@@ -346,7 +345,7 @@ proptest! {
 
 #[test]
 fn random_points_have_one_right_answer() {
-    // Else the comparison with spade would test nothing.
+    // Without this property the comparison with spade would test nothing.
     let mut state = 1u32;
     let mut next = || {
         state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);

@@ -1,10 +1,12 @@
-//! Real photographs with known poses: DVD covers, a turned cube, a book, stills, and
-//! desks without any of them. The pictures are not ours to pass on: they are read
-//! from the folder that `KEYGRAPH_EVAL` names, by default `../shared/eval/dev`
-//! beside the repository, and without it these tests are skipped.
+//! Tests on real photographs with known poses: DVD covers, a turned cube, a book, stills, and desks
+//! that show none of these.
 //!
-//! Scored as `score.py` there: found is a mean corner distance under 10 % of the
-//! square root of the true outline's area.
+//! The pictures are not ours to ship. The environment variable
+//! `KEYGRAPH_EVAL` names the folder that holds them. Without the folder these tests are skipped, or
+//! fail if `KEYGRAPH_MUST_NOT_SKIP` is set.
+//!
+//! An object is found if the mean corner distance is under 10 % of the square root of the area of
+//! the true outline.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
 
 use std::fmt::Write as _;
@@ -21,52 +23,53 @@ use keygraph_core::model::Model;
 use keygraph_tests::file;
 use serde_json::Value;
 
-/// A detection lies right below this distance, in sizes of the true outline.
+/// Maximum corner error of a right detection, in sizes of the true outline.
 const FOUND: f32 = 0.1;
 
-/// Where the evaluation data lies. `None`, and a line that cargo does not hide, if
-/// it is absent.
+/// Returns the folder of the evaluation data. If the folder is absent, returns `None` and prints a
+/// line that cargo does not hide.
 fn evaluation() -> Option<PathBuf> {
     let folder = std::env::var_os("KEYGRAPH_EVAL").map_or_else(|| file("../shared/eval/dev"), PathBuf::from);
     if folder.is_dir() {
         return Some(folder);
     }
-    let nothing = format!("no evaluation data at {}: set KEYGRAPH_EVAL to its folder", folder.display());
+    let nothing = format!("no evaluation data at {}: set KEYGRAPH_EVAL to the folder that holds it", folder.display());
     assert!(std::env::var_os("KEYGRAPH_MUST_NOT_SKIP").is_none(), "{nothing}, and nothing may be skipped");
     let _ = writeln!(std::io::stderr(), "SKIPPED: {nothing}");
     None
 }
 
-/// How a set fared.
+/// The results of a set.
 #[derive(Default)]
 struct Tally {
     frames: usize,
-    /// Frames that show the object, and those of them in which it was found.
+    /// Frames that show the object.
     shown: usize,
+    /// Frames that show the object and in which it was found.
     found: usize,
     /// Detections in frames that do not show the object.
     absent: usize,
-    /// Detections elsewhere than the object is.
+    /// Detections at another place than the object's.
     elsewhere: usize,
-    /// One line for each frame that went wrong.
+    /// One line for each frame with an error.
     report: String,
 }
 
-/// Mean distance of the corners, in sizes of the true outline.
+/// Returns the mean distance of the corners, in sizes of the true outline.
 fn corner_error(found: &[[f32; 2]; 4], truth: &[[f32; 2]; 4]) -> f32 {
     let distance = |(a, b): (&[f32; 2], &[f32; 2])| (a[0] - b[0]).hypot(a[1] - b[1]);
     found.iter().zip(truth).map(distance).sum::<f32>() / 4.0 / area(truth).abs().sqrt()
 }
 
-/// The true pose, three rows of three; `None` where the object is absent.
+/// Reads the true pose from three rows of three numbers. Returns `None` if the object is absent.
 fn pose(h: &Value) -> Option<Homography> {
     let numbers: Vec<f32> =
         h.as_array()?.iter().flat_map(|row| row.as_array().unwrap()).map(|v| v.as_f64().unwrap() as f32).collect();
     Some(Homography(numbers.try_into().unwrap()))
 }
 
-/// Looks for each object of a set in every `step`th of its frames, with the
-/// detector of `slot`, which is this test's own. `None` without data.
+/// Searches every `step`th frame of a set for each of its objects. Each test has a detector of its
+/// own in `slot`. Returns `None` without data.
 fn run(set: &str, step: usize, slot: usize) -> Option<Tally> {
     let folder = evaluation()?;
     let path = folder.join(set).with_extension("json");
@@ -80,7 +83,7 @@ fn run(set: &str, step: usize, slot: usize) -> Option<Tally> {
         let model = Model::parse(&model).unwrap();
         let (w, h) = (picture.width as f32, picture.height as f32);
         let frames = object["frames"].as_array().unwrap().iter().step_by(step);
-        // The frame that the model's picture was cut from proves nothing.
+        // The frame that the picture of the model was cut from proves nothing.
         for frame in frames.filter(|f| f["train"] != true) {
             let image = frame["image"].as_str().unwrap();
             let picture = read_picture(&folder.join(image)).unwrap();
@@ -101,7 +104,7 @@ fn run(set: &str, step: usize, slot: usize) -> Option<Tally> {
             tally.found += usize::from(right);
             tally.elsewhere += found.len() - usize::from(right);
             if !right || found.len() > 1 {
-                let what = if right { "found, and more" } else { "missed" };
+                let what = if right { "found, with other detections" } else { "missed" };
                 writeln!(tally.report, "  {image}, {name} {what}: errors {errors:.2?}, scores {scores:.2?}").unwrap();
             }
         }
@@ -113,7 +116,7 @@ fn run(set: &str, step: usize, slot: usize) -> Option<Tally> {
     Some(tally)
 }
 
-/// At least 95 % of the `frames` frames, all of which show the object.
+/// Checks that the object is found in at least 95 % of the `frames` frames, all of which show it.
 fn check(set: &str, step: usize, slot: usize, frames: usize) {
     let Some(t) = run(set, step, slot) else { return };
     assert_eq!((t.frames, t.shown), (frames, frames), "frames of {set}, and those that show the object");

@@ -1,4 +1,4 @@
-//! `docs/fits-on.md` is what the sizes of this version say.
+//! Checks that `docs/fits-on.md` agrees with the sizes of this version.
 #![allow(clippy::unwrap_used)]
 
 use keygraph_tests::boards::{PROFILES, page};
@@ -15,14 +15,14 @@ fn the_page_is_current() {
         assert_eq!(
             is,
             should,
-            "line {} is old; write the page anew: KEYGRAPH_WRITE=1 cargo test --test fits_on",
+            "line {} of docs/fits-on.md is out of date; write the page again: KEYGRAPH_WRITE=1 cargo test -p keygraph-tests --test fits_on",
             n + 1
         );
     }
     assert_eq!(written.lines().count(), page().lines().count(), "docs/fits-on.md is cut off or too long");
 }
 
-/// What the profiles stand for, and the page says.
+/// Checks that the small profiles fit the boards that they are made for, and that the page says so.
 #[test]
 fn the_small_profiles_fit_their_boards() {
     assert!(PROFILES[0].ram() <= 192 << 10, "qqvga needs {} bytes: too many for an STM32F405", PROFILES[0].ram());

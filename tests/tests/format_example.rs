@@ -1,4 +1,4 @@
-//! The example in `docs/model-format.md` is a model, and says what the page says.
+//! Checks that the example in `docs/model-format.md` is a model with the contents that the page gives.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
 
 use keygraph_core::feature::{FeatureKind, signature};
@@ -15,7 +15,7 @@ fn hex(digits: &str) -> u8 {
     u8::from_str_radix(digits, 16).unwrap_or_else(|_| panic!("{digits:?} is no byte"))
 }
 
-/// Expands `aa bb [cc dd] x 3` to bytes.
+/// Expands text like `aa bb [cc dd] x 3` to bytes.
 fn expand(text: &str) -> Vec<u8> {
     let mut bytes = Vec::new();
     let mut rest = text.trim();
@@ -37,7 +37,7 @@ fn expand(text: &str) -> Vec<u8> {
     bytes
 }
 
-/// The model in the page's hex block; each line's offset is checked.
+/// Returns the model in the hex block of the page, and checks the offset of each line.
 fn example() -> Vec<u8> {
     let page = page();
     let block = page.split("```hex\n").nth(1).unwrap().split("```").next().unwrap();
@@ -67,7 +67,7 @@ fn the_example_parses() {
     let bytes = example();
     let mut sealed = bytes.clone();
     seal(&mut sealed);
-    assert_eq!(bytes[8..16], sealed[8..16], "length and checksum in the page, and what they should be");
+    assert_eq!(bytes[8..16], sealed[8..16], "length and checksum: on the page, and as computed");
     assert!(Model::parse(&bytes).is_ok(), "{:?}", Model::parse(&bytes).err());
     assert_eq!(
         Model::parse(&bytes[..bytes.len() - 1]).unwrap_err(),
@@ -132,7 +132,7 @@ fn the_keygraph_is_the_page_s_and_what_core_makes_of_its_points() {
     assert_eq!((occupied, model.cell(Tier::First(0), 269)), (vec![269], 0..1));
 }
 
-/// The sizes in the page's text are those of the format.
+/// Checks that the sizes in the text of the page are those of the format.
 #[test]
 fn the_tables_are_right() {
     let page = page();
@@ -153,7 +153,7 @@ fn the_tables_are_right() {
     assert_eq!(Sections::CELLS, CELLS);
     assert!(row("| [index]").contains(&format!("{} x tiers + 4", 4 * CELLS)));
     assert_eq!(Sections::of(&example()).end, 3777);
-    // The records' fields follow each other and fill the record.
+    // The fields of a record follow each other and fill the record.
     for (heading, length) in [
         ("## Header", Sections::HEADER),
         ("## Objects", Sections::OBJECT),

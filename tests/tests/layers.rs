@@ -1,20 +1,19 @@
-//! The house rules of core that a compiler does not check: a file imports only
-//! from files above it, opens with what it takes, gives and costs, and stays
-//! short enough to read.
+//! Checks the rules of core that a compiler does not check. A file imports only from files above
+//! it, says at its top what goes in, what comes out and what it costs, and is short enough to read.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
 
 use keygraph_tests::file;
 
 const MAX_LINES: usize = 900;
 
-/// What the opening comment of a file must say, in small or capital letters.
+/// Words that the opening comment of a file must contain, in small or capital letters.
 const OPENING: [&str; 4] = ["in:", "out:", "memory", "cost"];
 
-/// Files whose opening comment has nothing to say on a point, and why.
+/// Files whose opening comment may leave out some of these words, and the reason.
 const WITHOUT: [(&str, &[&str]); 3] = [
-    // No stage: constants and names.
+    // This file is no stage. It holds constants and names.
     ("capacity", &["in:", "out:", "memory", "cost"]),
-    // Pure functions of a few numbers: they hold no memory and cost what they say.
+    // These files hold pure functions of a few numbers. They use no memory, and their code shows the cost.
     ("math", &["memory", "cost"]),
     ("geometry", &["memory", "cost"]),
 ];
@@ -23,13 +22,13 @@ fn source(name: &str) -> String {
     std::fs::read_to_string(file("core/src").join(format!("{name}.rs"))).unwrap()
 }
 
-/// The modules in the order in which `lib.rs` declares them.
+/// Returns the modules in the order in which `lib.rs` declares them.
 fn modules() -> Vec<String> {
     let declared = |line: &str| Some(line.trim().strip_prefix("pub mod ")?.strip_suffix(';')?.to_string());
     source("lib").lines().filter_map(declared).collect()
 }
 
-/// The part of a file before its test module, without comments and strings.
+/// Returns the part of a file before its test module, without comments and strings.
 fn code(text: &str) -> String {
     let mut out = String::new();
     let mut lines = text.lines().peekable();
@@ -38,15 +37,15 @@ fn code(text: &str) -> String {
             break;
         }
         let line = line.split("//").next().unwrap_or_default();
-        // Every other piece between quotation marks lies in a string.
+        // Every second piece between quotation marks lies in a string.
         out.extend(line.split('"').step_by(2));
         out.push('\n');
     }
     out
 }
 
-/// The first name of every path that starts at the crate's root, with the lists
-/// of `use crate::{a::X, b::Y}` taken apart.
+/// Returns the first name of every path that starts at the crate's root. Takes the lists of `use
+/// crate::{a::X, b::Y}` apart.
 fn imports(code: &str) -> Vec<String> {
     let mut found = Vec::new();
     for start in ["crate::", "super::"] {
@@ -71,7 +70,7 @@ fn name(text: &str) -> Option<String> {
     (end > 0).then(|| text[..end].to_string())
 }
 
-/// First names of the entries of a list, up to the bracket that closes it.
+/// Returns the first name of each entry of a list, up to the bracket that closes the list.
 fn heads(list: &str) -> Vec<String> {
     let (mut depth, mut entry, mut found) = (0, 0, Vec::new());
     for (i, c) in list.char_indices() {

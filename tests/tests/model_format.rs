@@ -1,5 +1,5 @@
-//! Damaged and contradictory models: every one is refused with a message that
-//! says what to do, or is harmless; none makes the parser or the detector panic.
+//! Tests with damaged and contradictory models. Each must be refused with a message that says what
+//! to do, or be harmless. None may make the parser or the detector panic.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -15,7 +15,7 @@ use keygraph_tests::{Crop, Sections, put, read_u32, seal, small_model, small_pic
 static MODEL: LazyLock<Vec<u8>> = LazyLock::new(|| small_model(Method::Keygraph, FeatureKind::Both, 14));
 static PICTURE: LazyLock<Crop> = LazyLock::new(small_picture);
 
-/// Detects in the picture that the model was trained on.
+/// Searches the picture that the model was trained on.
 fn detect(model: &Model<'_>) -> (Vec<Detection>, Stats) {
     static DETECTOR: Mutex<QqvgaDetector> = Mutex::new(QqvgaDetector::new());
     let mut detector = DETECTOR.lock().unwrap_or_else(PoisonError::into_inner);
@@ -23,7 +23,7 @@ fn detect(model: &Model<'_>) -> (Vec<Detection>, Stats) {
     (found, *detector.stats())
 }
 
-/// Reads everything that a parsed model offers.
+/// Reads everything that a parsed model offers, as text.
 fn read_all(model: &Model<'_>) -> String {
     let objects: Vec<_> = (0..model.objects()).map(|i| model.object(i)).collect();
     let views: Vec<_> = (0..model.views()).map(|i| model.view(i)).collect();
@@ -33,16 +33,16 @@ fn read_all(model: &Model<'_>) -> String {
     format!("{objects:?} {views:?} {keypoints:?} {keygraphs:?} {rest:?}")
 }
 
-/// What became of a change.
+/// The outcome of a change.
 #[derive(Debug)]
 enum Outcome {
     Refused(ModelError),
     Harmless,
-    /// With this message.
+    /// The parser or the detector panicked with this message.
     Panicked(String),
 }
 
-/// Parses, and where that succeeds reads and detects.
+/// Parses the bytes. If they are accepted, reads the whole model and searches for it.
 fn try_out(bytes: &[u8]) -> Outcome {
     let run = AssertUnwindSafe(|| match Model::parse(bytes) {
         Err(e) => Outcome::Refused(e),
@@ -58,7 +58,7 @@ fn try_out(bytes: &[u8]) -> Outcome {
     })
 }
 
-/// Complains about the first changes that panicked.
+/// Fails if any change caused a panic, and shows the first of them.
 fn assert_none(panics: &[String]) {
     let shown = panics.iter().take(12).cloned().collect::<Vec<_>>().join("\n  ");
     assert!(panics.is_empty(), "{} changes panicked:\n  {shown}", panics.len());
@@ -130,7 +130,7 @@ fn other_versions() {
         let mut bytes = MODEL.clone();
         put(&mut bytes, 4, &version.to_le_bytes());
         assert_eq!(Model::parse(&bytes).unwrap_err(), ModelError::NewerVersion { found: version });
-        // Whatever else a later version changes, its number is told first.
+        // Whatever else a later version changes, the parser must report its number first.
         put(&mut bytes, 6, &[0xff; 34]);
         assert_eq!(Model::parse(&bytes[..100]).unwrap_err(), ModelError::NewerVersion { found: version });
     }
@@ -172,7 +172,7 @@ fn every_alignment_reads_the_same() {
     let (all, found) = (read_all(&model), outlines(&model));
     let mut buffer = vec![0xa5; MODEL.len() + 16];
     for offset in 0..8 {
-        // From an address that is a multiple of 8.
+        // The model starts `offset` bytes behind an address that is a multiple of 8.
         let start = buffer.as_ptr().align_offset(8) + offset;
         put(&mut buffer, start, &MODEL);
         let moved = Model::parse(&buffer[start..start + MODEL.len()]).unwrap();
@@ -181,10 +181,10 @@ fn every_alignment_reads_the_same() {
     }
 }
 
-/// A change of a whole model, and the section that it makes wrong.
+/// The section that a change makes wrong, the name of the change, and the change itself.
 type Change = (&'static str, &'static str, fn(&mut Vec<u8>, &Sections));
 
-/// Changes that leave the file's length and its other sections as they are.
+/// Changes that keep the length of the file and the other sections.
 const CONTRADICTIONS: [Change; 47] = [
     ("method", "an unknown method", |b, _| b[16] = 2),
     ("feature kind", "feature kind 0", |b, _| b[17] = 0),
@@ -238,7 +238,7 @@ const CONTRADICTIONS: [Change; 47] = [
     ("views", "no scale", |b, s| put(b, s.views + 40, &0f32.to_le_bytes())),
     ("views", "a negative scale", |b, s| put(b, s.views + 40, &(-1f32).to_le_bytes())),
     ("keypoints", "a negative column", |b, s| b[s.keypoints + 1] = 0x80),
-    ("keypoints", "a negative row in the last", |b, s| b[s.cells - 1] = 0xff),
+    ("keypoints", "a negative row in the last keypoint", |b, s| b[s.cells - 1] = 0xff),
     ("index", "a first subset that starts late", |b, s| b[s.cells] = 1),
     ("index", "a subset that starts beyond the end", |b, s| put(b, s.cells + 4 * 400, &[0xff; 4])),
     ("index", "subsets that descend", |b, s| put(b, s.keys - 8, &[0; 4])),
@@ -249,8 +249,8 @@ const CONTRADICTIONS: [Change; 47] = [
         }
     }),
     ("keygraphs", "a keygraph of no view", |b, s| put(b, s.vertices, &[2, 0])),
-    ("keygraphs", "a vertex that its view has not", |b, s| b[s.vertices + 2] = 14),
-    ("keygraphs", "the last vertex of the last", |b, s| b[s.features - 1] = 0xff),
+    ("keygraphs", "a vertex that its view does not have", |b, s| b[s.vertices + 2] = 14),
+    ("keygraphs", "the last vertex of the last keygraph", |b, s| b[s.features - 1] = 0xff),
 ];
 
 #[test]
@@ -265,14 +265,14 @@ fn contradictions_name_their_section() {
                 assert_eq!(e, ModelError::Inconsistent { section }, "{what}");
                 assert!(e.to_string().contains(section), "{e}");
             }
-            Ok(_) => panic!("{what}: accepted, should be told from the {section}"),
+            Ok(_) => panic!("{what}: accepted, but section {section} is wrong"),
         }
     }
 }
 
 #[test]
 fn counts_traded_between_sections() {
-    // The sum stays, so only the content can tell.
+    // The sum of the counts stays the same, so that only the content shows the contradiction.
     let sizes = [56i64, 44, 4, 5 + 5 + 36, 1, 8];
     let mut panics = Vec::new();
     for (i, from) in sizes.into_iter().enumerate() {
@@ -300,7 +300,7 @@ fn counts_traded_between_sections() {
 #[test]
 fn no_changed_byte_panics_even_with_a_right_checksum() {
     let sections = Sections::of(&MODEL);
-    // Behind the keypoints one record is like the other.
+    // Behind the keypoints all records are alike, so that a sample of the bytes is enough.
     let some = (sections.cells..MODEL.len()).step_by(97);
     let vertices = (sections.vertices..sections.features).step_by(7);
     let mut panics = Vec::new();
@@ -361,7 +361,7 @@ fn whole_sections_of_noise_are_refused_or_harmless() {
     for (name, range) in ranges {
         for round in 0..20 {
             let mut bytes = MODEL.clone();
-            // Small numbers come closer to being right than large ones.
+            // Small numbers are more likely to be accepted than large ones.
             let mask = [0xff, 0x7f, 0x0f, 0x01][round % 4];
             bytes[range.clone()].fill_with(|| noise() & mask);
             seal(&mut bytes);

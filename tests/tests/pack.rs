@@ -1,5 +1,5 @@
-//! Packing: many models merged into one hold what each held, keygraph for
-//! keygraph, and find what each found.
+//! Tests packing. A model merged from many models must hold every keygraph of each, and must find
+//! what each of them finds.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
 
 use std::sync::{LazyLock, Mutex, PoisonError};
@@ -15,7 +15,7 @@ use keygraph_core::train::{TrainParams, VgaTrainer, ViewSpec};
 use keygraph_core::write::{PackError, pack, packed_len};
 use keygraph_tests::{Sections, file, small_model};
 
-/// Small models of three pictures: some thousand keygraphs on five views.
+/// Small models of three pictures, each with some thousand keygraphs on five views.
 static MODELS: LazyLock<[Vec<u8>; 3]> = LazyLock::new(|| ["astronaut", "coffee", "rocket"].map(model_of));
 
 fn model_of(name: &str) -> Vec<u8> {
@@ -60,16 +60,16 @@ fn packed(models: &[Vec<u8>]) -> Vec<u8> {
     out
 }
 
-/// Everything of a keygraph, without the indices that packing moves.
+/// Contents of a keygraph, without the indices that packing changes: key, feature and place.
 type Content = (Vec<u8>, Vec<u8>, String);
 
-/// The key of keygraph `i`, all its bytes.
+/// Returns all bytes of the key of keygraph `i`.
 fn key(model: &Model<'_>, i: usize) -> Vec<u8> {
     let keys = model.keys();
     [keys.sizes, keys.angles].into_iter().chain(keys.signatures).map(|plane| plane[i]).collect()
 }
 
-/// The keygraphs of a subset of a tier, sorted; `first` is what objects are counted from.
+/// Returns the keygraphs of a subset of a tier, sorted. `first` is added to the numbers of the objects.
 fn cell(model: &Model<'_>, tier: Tier, cell: usize, first: usize) -> Vec<Content> {
     let each = model.feature_bytes();
     let mut all: Vec<Content> = model
@@ -86,7 +86,7 @@ fn cell(model: &Model<'_>, tier: Tier, cell: usize, first: usize) -> Vec<Content
     all
 }
 
-/// `merged` holds what `parts` hold, in their order, and is in order itself.
+/// Checks that `merged` holds the contents of `parts` in their order, and that its subsets are sorted.
 #[track_caller]
 fn assert_holds(merged: &[u8], parts: &[Vec<u8>]) {
     let (merged, parts) = (Model::parse(merged).unwrap(), parse(parts));
@@ -145,12 +145,13 @@ fn assert_holds(merged: &[u8], parts: &[Vec<u8>]) {
     }
 }
 
-/// The tiers that hold keygraphs of all objects.
+/// Returns the tiers that hold keygraphs of all objects.
 fn lists(m: &Model<'_>) -> impl Iterator<Item = Tier> {
     [Tier::Shortlist, Tier::Longlist].into_iter().take(2 * usize::from(m.has_lists()))
 }
 
-/// The lists hold what they should of each object, each keygraph once, and are in order.
+/// Checks that the lists hold the right number of keygraphs of each object, hold each keygraph
+/// once, and are sorted.
 #[track_caller]
 fn assert_lists(merged: &Model<'_>) {
     let mut counts = vec![[0; 3]; merged.objects()];
@@ -174,15 +175,15 @@ fn assert_lists(merged: &Model<'_>) {
             for k in cell(merged, list, c, 0) {
                 let at = own
                     .binary_search(&k)
-                    .unwrap_or_else(|_| panic!("subset {c} of {list:?} has another's, or one twice"));
+                    .unwrap_or_else(|_| panic!("subset {c} of {list:?} holds a foreign keygraph, or one twice"));
                 own.remove(at);
             }
         }
     }
     let features: Vec<_> = merged.features().chunks(merged.feature_bytes()).collect();
-    assert_eq!(merged.sketches().len(), merged.tier(Tier::Longlist).end, "a sketch for each that is on a list");
+    assert_eq!(merged.sketches().len(), merged.tier(Tier::Longlist).end, "one sketch for each keygraph of the lists");
     for (i, (bytes, feature)) in merged.sketches().iter().zip(features).enumerate() {
-        // As the page on the format has it.
+        // This is the definition of sketches in `docs/model-format.md`.
         for (bit, &v) in feature.iter().rev().take(32).enumerate() {
             let is_set = |bit: usize| bytes[bit / 8] >> (bit % 8) & 1 == 1;
             assert_eq!([is_set(bit), is_set(32 + bit)], [v > 148, v < 108], "bit {bit} of sketch {i}");
@@ -253,14 +254,14 @@ fn a_packed_model_can_be_packed_again() {
     assert_holds(&packed(&[twenty.clone(), c.clone()]), &[twenty, c.clone()]);
 }
 
-/// Whether the same objects lie at the same places, to 2 px.
+/// Returns whether the same objects lie at the same places, within 2 px.
 fn alike(a: &[(String, [[f32; 2]; 4])], b: &[(String, [[f32; 2]; 4])]) -> bool {
     let near =
         |a: &[[f32; 2]; 4], b: &[[f32; 2]; 4]| a.iter().zip(b).all(|(p, q)| (p[0] - q[0]).hypot(p[1] - q[1]) < 2.0);
     a.len() == b.len() && a.iter().zip(b).all(|(a, b)| a.0 == b.0 && near(&a.1, &b.1))
 }
 
-/// Name and outline of all that a model finds in a frame of the sequence, by name.
+/// Returns name and outline of all detections of a model in a frame of the sequence, sorted by name.
 fn found(model: &[u8], frame: &str, profile: Profile, slot: usize) -> Vec<(String, [[f32; 2]; 4])> {
     let (model, picture) = (Model::parse(model).unwrap(), picture(&format!("sequence/{frame}")));
     let found = search(&picture, &model, profile, 0.5, false, slot).unwrap();
@@ -273,7 +274,7 @@ fn found(model: &[u8], frame: &str, profile: Profile, slot: usize) -> Vec<(Strin
 #[test]
 fn the_merged_model_finds_what_the_models_find() {
     let merged = merge(&MODELS[..]).unwrap();
-    // More than are all looked for to the end.
+    // This model has 20 objects, more than are all looked for to the end.
     let [a, b, c] = &*MODELS;
     let mut many = vec![a, b];
     many.resize(20, c);
@@ -316,7 +317,7 @@ fn models_that_differ_are_refused_with_advice() {
                 assert!(message.contains(word), "{word:?} is not in {message:?}");
             }
         }
-        // With its like it goes together.
+        // Two models of the same kind can be packed.
         assert_holds(&packed(&[other.clone(), other.clone()]), &[other.clone(), other]);
     }
 }
@@ -331,7 +332,7 @@ fn a_buffer_without_room_is_told_what_is_needed() {
         let message = error.to_string();
         assert!(message.contains(&needed.to_string()) && message.contains(&given.to_string()), "{message}");
     }
-    // What lies behind the model is left alone.
+    // The bytes behind the model must stay as they are.
     let mut large = vec![0x5a; needed + 100];
     assert_eq!(pack(&models, &mut large), Ok(needed));
     assert!(large[needed..].iter().all(|&b| b == 0x5a), "written behind the end");
@@ -344,7 +345,7 @@ fn nothing_and_too_many_are_refused() {
     assert_eq!(pack(&[], &mut [0; 1 << 12]), Err(PackError::Nothing));
     assert!(format!("{:#}", merge(&[]).unwrap_err()).contains("no model"));
 
-    // Two views each.
+    // Each copy of the model adds two views.
     let small = small_model(Method::Keygraph, FeatureKind::Luma, 8);
     let model = Model::parse(&small).unwrap();
     assert_eq!(model.views(), 2);

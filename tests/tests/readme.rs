@@ -1,4 +1,4 @@
-//! What the README says and a machine can check.
+//! Checks the statements of the README that a machine can check.
 
 use std::mem::size_of;
 
@@ -6,7 +6,7 @@ use keygraph_core::detect::{HdDetector, QqvgaDetector, QvgaDetector, VgaDetector
 
 const README: &str = include_str!("../../README.md");
 
-/// The memory table, kept true.
+/// Checks that the memory table gives the sizes of the types.
 #[test]
 fn sizes_of_the_detectors() {
     let profiles = [
@@ -26,7 +26,7 @@ fn sizes_of_the_detectors() {
     assert!(missing.is_empty(), "README.md lacks these rows of its memory table:\n{missing:#?}");
 }
 
-/// The scripts that it gives exist.
+/// Checks that the scripts that the README names exist.
 #[test]
 fn commands_exist() {
     let commands: Vec<&str> = README

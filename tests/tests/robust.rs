@@ -1,5 +1,5 @@
-//! Frames that no camera should deliver, and some that it does: the detector
-//! neither panics nor forgets to count what it dropped.
+//! Tests with frames that no camera should deliver, and with some that cameras do deliver. The
+//! detector must not panic, and must count what it drops.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
 
 use std::sync::{LazyLock, Mutex, MutexGuard, PoisonError};
@@ -23,7 +23,7 @@ static VGA: Mutex<VgaDetector> = Mutex::new(VgaDetector::new());
 static KEYGRAPH: LazyLock<Vec<u8>> = LazyLock::new(|| small_model(Method::Keygraph, FeatureKind::Both, 40));
 static PAPER: LazyLock<Vec<u8>> = LazyLock::new(|| small_model(Method::Paper, FeatureKind::Chroma, 40));
 
-/// The detectors, whatever their sizes.
+/// A detector of any size.
 trait Profile: Send {
     fn run(&mut self, frame: &Frame<'_>, model: &Model<'_>) -> Result<(Vec<Detection>, Stats), FrameError>;
 }
@@ -45,10 +45,10 @@ fn lock<T>(detector: &Mutex<T>) -> MutexGuard<'_, T> {
     detector.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Three bytes for each place: red, green, blue or Y, U, V.
+/// A function from column and row to three bytes: red, green, blue or Y, U, V.
 type Pattern = fn(usize, usize) -> [u8; 3];
 
-/// Noise that is the same on every run.
+/// Returns noise. It is the same in every run.
 fn noise(x: usize, y: usize) -> [u8; 3] {
     let mut v = (x as u32).wrapping_mul(0x9e37_79b1) ^ (y as u32).wrapping_mul(0x85eb_ca6b);
     v = (v ^ v >> 15).wrapping_mul(0x2c1b_3c6d);
@@ -78,11 +78,11 @@ const PATTERNS: [(&str, Pattern); 14] = [
     ("a ramp", |x, y| [(x + y) as u8, x as u8, y as u8]),
 ];
 
-/// A frame of the pattern, `None` where the format does not allow the size.
+/// Draws a frame of the pattern. Returns `None` if the format does not allow the size.
 fn draw(format: PixelFormat, w: usize, h: usize, pattern: Pattern) -> Option<Vec<u8>> {
     let places = || (0..h).flat_map(move |y| (0..w).map(move |x| (x, y)));
     let luma = || places().map(|(x, y)| pattern(x, y)[0]);
-    // One chroma sample for each 2x2 block.
+    // Each 2x2 block has one chroma sample.
     let chroma = |c: usize| places().filter(|(x, y)| x % 2 == 0 && y % 2 == 0).map(move |(x, y)| pattern(x, y)[c]);
     let (odd_width, odd_height) = (w % 2 == 1, h % 2 == 1);
     let data: Vec<u8> = match format {
@@ -108,7 +108,7 @@ fn draw(format: PixelFormat, w: usize, h: usize, pattern: Pattern) -> Option<Vec
     Some(data)
 }
 
-/// What must hold for any frame.
+/// Checks the properties that the result of any frame must have.
 fn check(what: &str, method: Method, found: &[Detection], stats: &Stats) {
     for stage in [Stage::Corners, Stage::Keygraphs, Stage::Vote] {
         let s = stats.stages[stage as usize];
@@ -117,11 +117,12 @@ fn check(what: &str, method: Method, found: &[Detection], stats: &Stats) {
     for d in found {
         assert!((0.0..=1.0).contains(&d.score), "{what}: score {}", d.score);
         assert!(d.corners.iter().flatten().all(|v| v.is_finite()), "{what}: corners {:?}", d.corners);
-        assert!(method == Method::Paper || d.score < DEFAULT_THRESHOLD, "{what}: sees the object, score {}", d.score);
+        assert!(method == Method::Paper || d.score < DEFAULT_THRESHOLD, "{what}: object seen, score {}", d.score);
     }
 }
 
-/// Every pattern in every size, in one format after the other or in `all`.
+/// Searches every pattern in every size. With `all` each frame comes in every format; without it
+/// the formats take turns.
 fn sweep(detector: &mut dyn Profile, sizes: &[(usize, usize)], all: bool) {
     let models = [Model::parse(&KEYGRAPH).unwrap(), Model::parse(&PAPER).unwrap()];
     let mut frames = 0;
@@ -144,7 +145,7 @@ fn sweep(detector: &mut dyn Profile, sizes: &[(usize, usize)], all: bool) {
     assert!(frames >= 2 * sizes.len(), "only {frames} frames were drawn");
 }
 
-/// Odd sizes, the smallest, and the most of each side that `pixels` allow.
+/// Returns the smallest size, odd sizes, and the largest sides for an area of `pixels`.
 fn sizes(side: usize, pixels: usize) -> Vec<(usize, usize)> {
     let square = (1..=side).rev().find(|s| s * s <= pixels).unwrap();
     let other = pixels / side;
@@ -193,7 +194,7 @@ fn dense_noise_overflows_and_is_counted() {
         assert!(corners.dropped > 0 && corners.kept > 0, "{name}: {corners:?}");
         assert!(corners.seen > 2 * corners.kept, "{name}: {corners:?}");
     }
-    // The smallest profile has less room for triangles than noise makes.
+    // Noise makes more triangles than the smallest profile has room for.
     let delaunay = noise_stats(&mut *lock(&QQVGA), 160, 120).stages[Stage::Delaunay as usize];
     assert!(delaunay.dropped > 0, "qqvga: {delaunay:?}");
 }
@@ -233,7 +234,7 @@ fn a_frame_too_large_is_refused_with_the_sizes() {
         refuse(detector, side, side, side, pixels);
         refuse(detector, side, pixels / side + 1, side, pixels);
         refuse(detector, 4 * side, 3 * side, side, pixels);
-        // The next frame is none the worse for it.
+        // A refused frame must not affect the next frame.
         noise_stats(detector, side, pixels / side);
     };
     each(&mut *lock(&QQVGA), 160, 160 * 120);
@@ -255,7 +256,7 @@ fn refused_frames_say_what_would_do() {
     }
 }
 
-/// A finder that fills every buffer with nonsense.
+/// A finder that fills every buffer with meaningless data.
 struct Nonsense;
 
 impl Finder for Nonsense {

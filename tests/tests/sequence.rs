@@ -1,5 +1,5 @@
-//! End to end on the shipped sequence: both objects trained from their pictures,
-//! looked for in all 48 frames, and held against the truth.
+//! Tests the whole path on the shipped sequence: trains both objects from their pictures, searches
+//! all 48 frames for them, and compares the results with the true poses.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
 
 use std::fmt::Write;
@@ -12,23 +12,25 @@ use keygraph_core::model::Model;
 use keygraph_tests::file;
 use serde_json::Value;
 
-/// The frame, and where the truth puts each object.
+/// A frame, and the true pose of each object in it.
 struct Shot {
     name: String,
     picture: Picture,
     truth: Value,
 }
 
-/// How an object fared over the sequence.
+/// The results of one object over the sequence.
 #[derive(Default)]
 struct Tally {
-    /// Frames that show it, and those of them in which it was found.
+    /// Frames that show the object.
     shown: usize,
+    /// Frames that show the object and in which it was found.
     found: usize,
-    /// Detections where it is not, in frames that show it and that do not.
+    /// Detections at a wrong place, in frames that show the object.
     wrong_place: usize,
+    /// Detections in frames that do not show the object.
     false_alarms: usize,
-    /// One line for each frame that went wrong.
+    /// One line for each frame with an error.
     report: String,
 }
 
@@ -42,7 +44,7 @@ fn shots() -> Vec<Shot> {
     truth.as_array().unwrap().iter().map(shot).collect()
 }
 
-/// The true outline of an object, `None` where it is absent.
+/// Returns the true outline of an object, or `None` if it is absent.
 fn outline(truth: &Value, width: f32, height: f32) -> Option<[[f32; 2]; 4]> {
     let numbers = truth.as_array()?;
     assert_eq!(numbers.len(), 9, "a homography has nine numbers");
@@ -50,13 +52,13 @@ fn outline(truth: &Value, width: f32, height: f32) -> Option<[[f32; 2]; 4]> {
     Some(h.outline(width, height))
 }
 
-/// Mean distance of the corners, as a part of the object's size in the frame.
+/// Returns the mean distance of the corners, in sizes of the object in the frame.
 fn corner_error(found: &[[f32; 2]; 4], truth: &[[f32; 2]; 4]) -> f32 {
     let distance = |(a, b): (&[f32; 2], &[f32; 2])| (a[0] - b[0]).hypot(a[1] - b[1]);
     found.iter().zip(truth).map(distance).sum::<f32>() / 4.0 / area(truth).abs().sqrt()
 }
 
-/// Looks for one object in every frame.
+/// Searches every frame for one object.
 fn run(object: &str) -> Tally {
     let picture = read_picture(&file("assets/pictures").join(object).with_extension("jpg")).unwrap();
     let (bytes, _) = train(&picture, object, Preset::Large, false).unwrap();
@@ -97,7 +99,7 @@ fn run(object: &str) -> Tally {
     tally
 }
 
-/// In at least `least` of the frames that show the object, and nowhere else.
+/// Checks that the object is found in at least `least` of the `shown` frames that show it, and nowhere else.
 fn check(object: &str, shown: usize, least: usize) {
     let t = run(object);
     assert_eq!(t.shown, shown, "frames of the truth that show {object}");
@@ -111,8 +113,8 @@ fn astronaut_is_found_in_the_sequence() {
     check("astronaut", 36, 35);
 }
 
-/// 18 or 19 were found while this was written: in the others, of the frames 38 to
-/// 43 that show it at a third of its size, no candidate is near the truth.
+/// When this test was written, 18 or 19 frames were found. The other frames are among the frames 38
+/// to 43, which show the object at a third of its size. There no candidate is near the truth.
 #[test]
 fn coffee_is_found_in_the_sequence() {
     check("coffee", 23, 17);

@@ -1,6 +1,6 @@
-//! Rendered frames through the whole system: a seeded sweep whose outcome is kept as
-//! a table, several copies of one object, and many objects in one model. Everything
-//! comes from the shipped pictures and from seeds.
+//! Tests the whole path on rendered frames: a seeded sweep whose result is kept as a table, several
+//! copies of one object, and many objects in one model. Everything is made from the shipped
+//! pictures and from seeds.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
 
 use std::fmt::Write;
@@ -18,13 +18,13 @@ const FRONT: Pose = Pose { side_px: 300.0, rotation_deg: 0.0, tilt_deg: 0.0, axi
 
 type Quad = [[f32; 2]; 4];
 
-/// A picture of the repository.
+/// Reads a picture of the repository.
 fn shipped(name: &str) -> Picture {
     read_picture(&file("assets/pictures").join(name).with_extension("jpg")).unwrap()
 }
 
-/// A picture of dead leaves: as much texture as a photograph, and as many of them as
-/// there are seeds.
+/// Renders a picture of dead leaves. It has as much texture as a photograph, and each seed gives
+/// another picture.
 fn leaves(seed: u64) -> Picture {
     let mut random = Random::of(&[seed, 77]);
     let (width, height) = (360, 240 + 30 * (seed as usize % 5));
@@ -52,11 +52,11 @@ fn detections(frame: &Picture, model: &Model<'_>, profile: Profile, thorough: bo
 
 // --------------------------------------------------------------------- sweep
 
-/// What a line of the table does to the pose and the exposure.
+/// A change of the pose and of the exposure, for one line of the table.
 type Change = fn(&mut Pose, &mut Exposure);
 
-/// Conditions well inside of what the detector holds, at the edge of it, and
-/// beyond.
+/// Conditions: some are well within the limits of the detector, some are at the limits, and some
+/// are beyond them.
 const CONDITIONS: [(&str, Change); 10] = [
     ("plain", |_, _| ()),
     ("60 px", |p, _| p.side_px = 60.0),
@@ -70,14 +70,14 @@ const CONDITIONS: [(&str, Change); 10] = [
     ("noise 60", |_, e| e.noise = 60.0),
 ];
 
-/// Mean of the corners.
+/// Returns the mean of the corners.
 fn middle(q: &Quad) -> [f32; 2] {
     [0, 1].map(|i| q.iter().map(|p| p[i]).sum::<f32>() / 4.0)
 }
 
-/// Each line is a condition; each column an object in a seed, with the middle of the
-/// first outline found in steps of 20 px, which a change of the last bits does not
-/// move, or a dash.
+/// Each line of the table is a condition. Each column is an object with a seed. It shows the middle
+/// of the first outline that is found, or a dash. The middle is rounded to 20 px, so that a change
+/// of the last bits does not move it.
 #[test]
 fn the_sweep_comes_out_as_it_did() {
     let mut table = String::from("condition   found  wrong  columns, tens of px\n");
@@ -117,7 +117,7 @@ fn the_sweep_comes_out_as_it_did() {
 
 // ------------------------------------------------------------ many at a time
 
-/// Every instance is found once, and nothing else.
+/// Checks that every instance is found once, and nothing else is found.
 fn assert_each_once(what: &str, seen: &[Detection], truth: &[(u16, Quad)]) {
     let is =
         |d: &Detection, (object, quad): &(u16, Quad)| d.object == *object && corner_error(&d.corners, quad) < RIGHT;
@@ -172,7 +172,7 @@ fn three_copies_are_all_found_and_none_doubled() {
     copies("astronaut", &poses, false);
 }
 
-/// The quick search is content with the large one.
+/// A quick search stops after it has found the large copy.
 #[test]
 fn a_small_copy_beside_a_large_one_is_found_by_a_thorough_search() {
     let poses = [
@@ -183,7 +183,7 @@ fn a_small_copy_beside_a_large_one_is_found_by_a_thorough_search() {
     copies("coffee", &poses, true);
 }
 
-/// Twelve objects in one model, all in one frame, in three layouts of four columns
+/// Tests twelve objects in one model, all of them in one frame, in three layouts of four columns
 /// and three rows.
 #[test]
 fn twelve_objects_in_a_frame_are_all_found_and_none_doubled() {

@@ -1,5 +1,5 @@
-//! Following what was found, on rendered sequences with known poses: it stays at its
-//! place, is told lost when it is gone, and found when it comes back.
+//! Tests tracking on rendered sequences with known poses. An object must stay at its place, be
+//! reported lost when it is gone, and be found again when it comes back.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 use std::sync::LazyLock;
@@ -17,8 +17,8 @@ use keygraph_tests::motion::{Motion, Sequence, Shot, astronaut};
 static PICTURE: LazyLock<Picture> = LazyLock::new(astronaut);
 static MODEL: LazyLock<Vec<u8>> = LazyLock::new(|| train(&PICTURE, "astronaut", Preset::Compact, false).unwrap().0);
 
-/// Frames of a sequence and what a tracker of its own says of them, with the detector
-/// of `slot`, which is this test's.
+/// Tracks frames of a sequence with a new tracker, and returns each frame with its result. Each
+/// test has a detector of its own in `slot`.
 fn run(motion: Motion, noise: f32, frames: impl Iterator<Item = usize>, slot: usize) -> Vec<(Shot, Found)> {
     let sequence = Sequence::new(&PICTURE, motion, noise, 7);
     let model = Model::parse(&MODEL).unwrap();
@@ -58,13 +58,13 @@ fn corners_of_what_stands_still_jitter_by_less_than_a_third_of_a_pixel() {
 
 #[test]
 fn a_thousand_frames_do_not_drift() {
-    // Noise of 20 frames, again and again.
+    // The noise repeats after 20 frames.
     let sequence = Sequence::new(&PICTURE, Motion::Still, 8.0, 7);
     let shots: Vec<Shot> = (0..20).map(|i| sequence.shot(i)).collect();
     let model = Model::parse(&MODEL).unwrap();
     let mut tracker = Tracker::new();
     let request = Request::new(Profile::Qvga, DEFAULT_THRESHOLD);
-    // Where the corners are, on average over 100 frames, less where they should be.
+    // Returns the mean offset of the corners from the truth over 100 frames.
     let hundred = |start: usize, tracker: &mut Tracker| {
         let mut sum = [[0.0; 2]; 4];
         for i in start..start + 100 {
@@ -122,7 +122,7 @@ fn what_moves_fast_is_followed() {
 
 #[test]
 fn what_leaves_is_lost_and_comes_back_with_its_id() {
-    // Whole until frame 35, gone by frame 59, whole again from frame 93.
+    // The object is whole until frame 35, gone by frame 59, and whole again from frame 93 on.
     let frames = run(Motion::Leaving, 5.0, (20..30).chain(59..63).chain(93..97), 2);
     let model = Model::parse(&MODEL).unwrap();
     for (i, (shot, found)) in frames.iter().enumerate() {

@@ -1,5 +1,5 @@
-//! Parameters that no picture can be trained with are refused with words: they
-//! neither panic nor make a model that no one reads.
+//! Tests parameters with which no picture can be trained. Training must refuse them with a message.
+//! It must not panic, and it must not write a model that cannot be read.
 #![allow(clippy::unwrap_used)]
 
 use keygraph_core::feature::FeatureKind;
@@ -21,7 +21,7 @@ fn train(view: ViewSpec, original: (u32, u32), model: &mut [u8]) -> Result<Train
     Box::<QqvgaTrainer>::default().train(&small_picture().frame(), original, &params, model)
 }
 
-/// Seen almost edge on, a picture's pixels lay beyond the range of `i32`.
+/// Regression: in views almost edge on, the pixels of a picture lay beyond the range of `i32`.
 #[test]
 fn views_that_are_none_are_refused() {
     let mut model = vec![0; 1 << 16];
@@ -41,7 +41,7 @@ fn views_that_are_none_are_refused() {
     assert!(TrainError::Views.to_string().contains("squeeze from 0.01 to 1"));
 }
 
-/// The steepest view that is let through is rendered.
+/// Training must render the steepest view that it accepts.
 #[test]
 fn the_steepest_view_is_trained() {
     let mut model = vec![0; 1 << 16];
@@ -52,7 +52,7 @@ fn the_steepest_view_is_trained() {
     }
 }
 
-/// A model of a picture of no width was written and could not be read again.
+/// Regression: training wrote a model of a picture without width, which could not be read again.
 #[test]
 fn originals_that_no_model_holds_are_refused() {
     let mut model = vec![0; 1 << 16];

@@ -1,12 +1,12 @@
-//! What the sample took when it was last measured: `firmware-sim/baseline.json`, and the
-//! tables of `firmware-sim/README.md`, which are written from it.
+//! The cost of the sample at the last measurement (`firmware-sim/baseline.json`), and the tables of
+//! `firmware-sim/README.md`, which are written from it.
 //!
-//! In: runs on the sample. Out: complaints where one takes more than the baseline and
-//! the margin; or both files, written anew. Cost: none worth telling.
+//! In: runs on the sample. Out: a message for each figure that exceeds the baseline by more than
+//! its margin, or both files, written again. Cost: negligible.
 //!
-//! Instructions are counted, not timed: they are the same in every run of one build. The
-//! margins are for what a change elsewhere does to inlining; another compiler has wider
-//! ones, [`OTHER_COMPILER`] times those.
+//! Instructions are counted, not timed: every run of one build gives the same counts. The margins
+//! allow for changes of inlining that a change elsewhere causes. For another compiler the margins
+//! are [`OTHER_COMPILER`] times wider.
 
 use std::env;
 use std::fs;
@@ -19,45 +19,45 @@ use serde_json::{Value, json};
 use crate::board::{STACK_LIMIT, root};
 use crate::tables::Run;
 
-/// Most percent that the total may grow by.
+/// Maximum growth of the total, percent.
 pub const TOTAL_MARGIN: u64 = 3;
-/// Most percent that a stage may grow by.
+/// Maximum growth of a stage, percent.
 pub const STAGE_MARGIN: u64 = 10;
-/// What a stage may grow by in any case, instructions.
+/// Growth that is always allowed for a stage, instructions.
 pub const STAGE_FLOOR: u64 = 100_000;
-/// How many times the margins are wider for another compiler.
+/// Factor by which the margins are wider for another compiler.
 pub const OTHER_COMPILER: u64 = 5;
 
-/// What stands before and behind the tables.
+/// Lines that stand before and behind the tables in the README.
 const MARKS: [&str; 2] = ["<!-- figures: written by `scripts/board --renew` -->\n", "<!-- end of figures -->\n"];
 
-/// The baseline's file.
+/// Returns the path of the baseline.
 ///
 /// # Errors
-/// When the runner does not lie in the repository.
+/// Fails if the runner is not inside the repository.
 pub fn path() -> Result<PathBuf> {
     Ok(root()?.join("firmware-sim/baseline.json"))
 }
 
-/// The tables' file.
+/// Returns the path of the file with the tables.
 fn readme() -> Result<PathBuf> {
     Ok(root()?.join("firmware-sim/README.md"))
 }
 
-/// The name of a run in the baseline: board and profile.
+/// Returns the name of a run in the baseline: board and profile.
 fn name(run: &Run) -> String {
     let (_, machine, frames) = run.of;
     format!("{}, {}", machine.name(), frames.name())
 }
 
-/// The compiler that builds the firmware.
+/// Returns the version of the compiler that builds the firmware.
 fn compiler() -> Result<String> {
     let rustc = env::var_os("RUSTC").unwrap_or_else(|| "rustc".into());
     let output = Command::new(rustc).arg("--version").output().context("cannot run rustc")?;
     Ok(String::from_utf8_lossy(&output.stdout).trim().to_string())
 }
 
-/// Figures of a run, by name.
+/// Returns the figures of a run, by name.
 fn figures(run: &Run) -> Value {
     let buffers: Vec<Value> = run.buffers().iter().map(|(name, bytes)| json!([name, bytes])).collect();
     let cost: Vec<Value> = run.cost().iter().map(|(name, median, _)| json!([name, median])).collect();
@@ -68,10 +68,10 @@ fn figures(run: &Run) -> Value {
     })
 }
 
-/// Compares a run with the baseline: what has grown too much, a line each.
+/// Compares a run with the baseline. Returns one line for each figure that grew beyond its margin.
 ///
 /// # Errors
-/// When the baseline cannot be read, or has nothing of the kind.
+/// Fails if the baseline cannot be read, or if it has no entry for the run.
 pub fn compare(run: &Run) -> Result<Vec<String>> {
     let path = path()?;
     let text = fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()))?;
@@ -82,7 +82,7 @@ pub fn compare(run: &Run) -> Result<Vec<String>> {
     Ok(grown(was, &figures(run), wider).iter().map(|line| format!("{name}: {line}")).collect())
 }
 
-/// Lines for what is more in `is` than in `was`, beyond the margins.
+/// Returns one line for each figure of `is` that exceeds `was` by more than its margin.
 fn grown(was: &Value, is: &Value, wider: u64) -> Vec<String> {
     let count =
         |of: &Value, stage: &Value| of["instructions"].as_array()?.iter().find(|row| row[0] == *stage)?[1].as_u64();
@@ -105,10 +105,10 @@ fn grown(was: &Value, is: &Value, wider: u64) -> Vec<String> {
     lines
 }
 
-/// Writes the baseline, and the tables from it.
+/// Writes the baseline, and the tables that follow from it.
 ///
 /// # Errors
-/// When a file cannot be read or written, or has no place for the tables.
+/// Fails if a file cannot be read or written, or if the README has no place for the tables.
 pub fn renew(runs: &[Run]) -> Result<()> {
     let boards: serde_json::Map<_, _> = runs.iter().map(|run| (name(run), figures(run))).collect();
     let baseline = json!({"compiler": compiler()?, "boards": boards});
@@ -121,7 +121,7 @@ pub fn renew(runs: &[Run]) -> Result<()> {
     fs::write(readme()?, whole).context("cannot write the README")
 }
 
-/// Both tables of a baseline, a column each board.
+/// Returns both tables of a baseline, with one column per board.
 fn tables(baseline: &Value) -> String {
     let boards: Vec<(&String, &Value)> = baseline["boards"].as_object().into_iter().flatten().rev().collect();
     let Some((_, first)) = boards.first() else { return String::new() };
@@ -153,7 +153,7 @@ fn tables(baseline: &Value) -> String {
     out
 }
 
-/// A number with commas.
+/// Formats a number with commas between the thousands.
 fn thousands(n: u64) -> String {
     let digits = n.to_string();
     let grouped: Vec<&str> =

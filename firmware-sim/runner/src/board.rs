@@ -1,7 +1,8 @@
-//! The boards that are modelled, and the firmware for them.
+//! The modelled boards, and the firmware for them.
 //!
-//! In: board, profile, which firmware, the model to link in. Out: its ELF file, built, and what is in it: the
-//! sizes of its sections and where models lie. Cost: a build, if anything has changed.
+//! In: a board, a profile, a firmware program, the model to link in. Out: the ELF file, built, and
+//! its contents: the sizes of its sections, and the region of flash for models. Cost: a build, if
+//! anything has changed.
 
 use std::env;
 use std::fs;
@@ -11,25 +12,25 @@ use std::process::{Command, Stdio};
 use anyhow::{Context, Result, ensure};
 use object::{Object, ObjectSection, ObjectSymbol};
 
-/// Most bytes of stack.
+/// Maximum size of the stack, bytes.
 pub const STACK_LIMIT: u32 = 8 << 10;
 
-/// The rust target of all boards.
+/// Rust target of all boards.
 pub const TARGET: &str = "thumbv7em-none-eabihf";
 
-/// A processor, and the board whose memory is modelled around it.
+/// A processor, together with the board whose memory is modelled around it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Machine {
-    /// Cortex-M4F as in an STM32F405: 1 MB of flash, 128 + 64 KB of RAM
+    /// Cortex-M4F with the memory of an STM32F405: 1 MB of flash, 128 + 64 KB of RAM
     M4,
-    /// Cortex-M7 as in an STM32H743: 2 MB of flash, 512 KB of RAM
+    /// Cortex-M7 with the memory of an STM32H743: 2 MB of flash, 512 KB of RAM
     M7,
-    /// A Cortex-M7 with memory as in an STM32N657, whose M55 runs the same code: 4 MB of RAM
+    /// Cortex-M7 with the memory of an STM32N657, whose M55 runs the same code: 4 MB of RAM
     N6,
 }
 
 impl Machine {
-    /// Its name on the command line.
+    /// Returns the name of the machine on the command line.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -39,7 +40,7 @@ impl Machine {
         }
     }
 
-    /// The emulator's name for it.
+    /// Returns the emulator's name of the machine.
     #[must_use]
     pub const fn emulated(self) -> &'static str {
         match self {
@@ -48,7 +49,7 @@ impl Machine {
         }
     }
 
-    /// The board whose memory it has.
+    /// Returns the name of the board whose memory is modelled.
     #[must_use]
     pub const fn modelled(self) -> &'static str {
         match self {
@@ -59,19 +60,19 @@ impl Machine {
     }
 }
 
-/// Size of frames on a board.
+/// Size of the frames on a board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Frames {
-    /// 640 x 480
+    /// 640 x 480 px
     Vga,
-    /// 320 x 240
+    /// 320 x 240 px
     Qvga,
-    /// 160 x 120
+    /// 160 x 120 px
     Qqvga,
 }
 
 impl Frames {
-    /// The firmware's feature.
+    /// Returns the name of the firmware's feature for this size.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -82,33 +83,33 @@ impl Frames {
     }
 }
 
-/// Which firmware.
+/// A firmware program.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Program {
-    /// Finds what is in the model.
+    /// Finds the objects of the model.
     Detect,
-    /// Learns from the first frame.
+    /// Learns an object from the first frame.
     Learn,
-    /// The main loop to copy.
+    /// Runs the main loop of `examples/camera.rs`.
     Camera,
-    /// Panics, for the tests.
+    /// Panics. The tests use it.
     Panic,
-    /// Faults, for the tests.
+    /// Faults. The tests use it.
     Fault,
 }
 
 impl Program {
-    /// Most bytes of code and constants, without a model.
+    /// Returns the maximum size of code and constants without a model, bytes.
     #[must_use]
     pub const fn code_limit(self) -> u64 {
         match self {
-            // The trainer too.
+            // This program holds the trainer too.
             Self::Learn => 112 << 10,
             _ => 96 << 10,
         }
     }
 
-    /// How cargo selects it, and where it puts it.
+    /// Returns cargo's option for the kind of the program, its name, and its path in the build folder.
     const fn selection(self) -> (&'static str, &'static str, &'static str) {
         match self {
             Self::Detect => ("--bin", "detect", "detect"),
@@ -120,29 +121,29 @@ impl Program {
     }
 }
 
-/// The repository.
+/// Returns the root folder of the repository.
 ///
 /// # Errors
-/// When the runner does not lie in it.
+/// Fails if the runner is not inside the repository.
 pub fn root() -> Result<&'static Path> {
     Path::new(env!("CARGO_MANIFEST_DIR")).ancestors().nth(2).context("the runner lies in firmware-sim")
 }
 
-/// The folder of what is built.
+/// Returns the folder for build results.
 ///
 /// # Errors
-/// Those of [`root`].
+/// Fails if [`root`] fails.
 pub fn targets() -> Result<PathBuf> {
     Ok(env::var_os("CARGO_TARGET_DIR").map_or(root()?.join("target"), PathBuf::from))
 }
 
-/// Builds a firmware that logs from level `log` on, with `model` linked in if there is
-/// one; its ELF file.
+/// Builds a firmware program and returns the path of its ELF file. The firmware logs from level
+/// `log` on. `model` is linked in if there is one.
 ///
 /// # Errors
-/// When cargo fails: what does not fit the board does not link.
+/// Fails if cargo fails. A firmware that does not fit the board does not link.
 pub fn build(program: Program, machine: Machine, frames: Frames, log: &str, model: Option<&Path>) -> Result<PathBuf> {
-    // A folder for each level: another level is another build of everything.
+    // Each level has its own folder, because another level rebuilds everything.
     let target = targets()?.join(format!("board-{log}"));
     let (kind, name, place) = program.selection();
     let mut cargo = Command::new(env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
@@ -168,22 +169,22 @@ pub fn build(program: Program, machine: Machine, frames: Frames, log: &str, mode
     Ok(target.join(TARGET).join("release").join(place))
 }
 
-/// What is in an ELF file.
+/// Contents of an ELF file.
 #[derive(Clone, Debug)]
 pub struct Contents {
-    /// Sections that the board holds: name and bytes.
+    /// Sections that the board holds: name and size in bytes.
     pub sections: Vec<(String, u64)>,
-    /// Address of the region of flash for models, and its size in bytes.
+    /// Region of flash for models: address and size in bytes.
     pub models: (u64, u64),
-    /// Bytes between the stack's ends.
+    /// Space between the two ends of the stack, bytes.
     pub stack_room: u64,
 }
 
 impl Contents {
-    /// Reads `elf`.
+    /// Reads the contents of `elf`.
     ///
     /// # Errors
-    /// When it is not a firmware of ours.
+    /// Fails if the file is not a firmware of this project.
     pub fn read(elf: &Path) -> Result<Self> {
         let bytes = fs::read(elf).with_context(|| format!("cannot read {}", elf.display()))?;
         let file = object::File::parse(&*bytes).context("the firmware")?;
@@ -198,16 +199,16 @@ impl Contents {
         Ok(Self { sections, models, stack_room: symbol("_stack_start")? - symbol("_stack_end")? })
     }
 
-    /// Bytes of code and constants.
+    /// Returns the size of code and constants, bytes.
     #[must_use]
     pub fn code(&self) -> u64 {
         self.sections.iter().filter(|(name, _)| IN_FLASH.contains(&name.as_str())).map(|(_, bytes)| bytes).sum()
     }
 
-    /// Refuses code that exceeds its limit.
+    /// Checks that code and constants do not exceed the limit of the program.
     ///
     /// # Errors
-    /// With both figures.
+    /// Fails if they exceed it. The message gives both figures.
     pub fn check_code(&self, program: Program) -> Result<()> {
         let (code, limit) = (self.code(), program.code_limit());
         ensure!(code <= limit, "code and constants take {code} bytes; at most {limit} are allowed");

@@ -1,9 +1,9 @@
-//! The emulator: a firmware, a model and frames in, results and logs out.
+//! Runs a firmware in the emulator.
 //!
-//! In: an ELF file, the bytes of a model for the region of flash that is kept for it,
-//! and what `wire` defines. Out: the words that the board wrote, and what it sent over
-//! the serial port. Its log is decoded on the spot, line by line; where it tells of a
-//! fault, a line each follows with the places in the source. Cost: a frame takes a second or so.
+//! In: an ELF file, the bytes of a model for its region of flash, and the input that `wire`
+//! defines. Out: the words that the board wrote, and the text that it sent over the serial port.
+//! The log is decoded line by line while the emulator runs. After a line that reports a fault, one
+//! further line per address gives the place in the source. Cost: about a second per frame.
 
 use std::fs::{self, File};
 use std::io::{ErrorKind, Read};
@@ -20,16 +20,16 @@ use crate::board::{Contents, Machine};
 const MODEL: &str = "model.kgm";
 const SERIAL: &str = "serial.txt";
 
-/// What the board left.
+/// Output of a run.
 #[derive(Clone, Debug)]
 pub struct Output {
-    /// The words of its results.
+    /// Words of the result file.
     pub words: Vec<u32>,
-    /// The text of its serial port.
+    /// Text that the board sent over the serial port.
     pub serial: String,
 }
 
-/// A folder that goes when it is no longer needed.
+/// A temporary folder that is removed when the value is dropped.
 struct Folder(PathBuf);
 
 impl Folder {
@@ -42,17 +42,16 @@ impl Folder {
 
 impl Drop for Folder {
     fn drop(&mut self) {
-        // What cannot be removed is left to the system.
+        // A folder that cannot be removed is left to the system.
         let _ = fs::remove_dir_all(&self.0);
     }
 }
 
-/// Runs `elf` to its end. `frames` is what it reads; `model` goes to flash before; `log`
-/// takes its log, line by line.
+/// Runs `elf` until it ends. `frames` is the content of the file that the firmware reads. `model`
+/// is loaded into flash before the start. `log` receives the log, line by line.
 ///
 /// # Errors
-/// When the emulator is missing, and when the firmware panics or faults: its log says
-/// where.
+/// Fails if the emulator is missing, or if the firmware panics or faults. The log then says where.
 pub fn run(
     elf: &Path,
     contents: &Contents,
@@ -99,7 +98,7 @@ pub fn run(
     Ok(Output { words, serial: fs::read_to_string(at(SERIAL)).unwrap_or_default() })
 }
 
-/// Decodes the log as it comes.
+/// Decodes the log while it arrives.
 fn decode_log(elf: &Path, mut output: impl Read, log: &mut dyn FnMut(&str)) -> Result<()> {
     let bytes = fs::read(elf)?;
     let table = Table::parse(&bytes)?.context("the firmware has no log table")?;
@@ -133,8 +132,8 @@ fn decode_log(elf: &Path, mut output: impl Read, log: &mut dyn FnMut(&str)) -> R
     }
 }
 
-/// A line for each address of code in `message`: the function it is in with file and
-/// line, and, where that is inlined, those around it.
+/// Returns one line for each code address in `message`: the function with its file and line. If the
+/// function is inlined, the line also names the functions around it.
 fn explain(elf: &Path, message: &str) -> Result<Vec<String>> {
     let number = |(at, _)| u64::from_str_radix(message.get(at + 2..at + 10)?, 16).ok();
     let addresses: Vec<u64> = message.match_indices("0x").filter_map(number).collect();
@@ -143,7 +142,7 @@ fn explain(elf: &Path, message: &str) -> Result<Vec<String>> {
     }
     let source = Loader::new(elf).map_err(|e| anyhow!("{}: {e}", elf.display()))?;
     let explained = addresses.iter().enumerate().filter_map(|(i, address)| {
-        // Bit 0 says Thumb; the second address, to return to, lies behind the call.
+        // Bit 0 marks Thumb code. The second address is a return address, which lies behind the call.
         let code = (address & !1).saturating_sub(2 * i as u64);
         let mut frames = source.find_frames(code).ok()?;
         let mut places = Vec::new();

@@ -1,10 +1,10 @@
-//! The emulated board from a laptop's side.
+//! The laptop's side of the emulated board: builds the firmware, runs it, and reports its cost.
 //!
-//! - [`board`]: the boards that are modelled, and the firmware for them
-//! - [`emulator`]: a firmware, a model and frames in, results and logs out
-//! - [`sample`]: the model and the frames to show it with
-//! - [`tables`]: memory and cost in words
-//! - [`baseline`]: memory and cost as they were, to compare with
+//! - [`board`]: the modelled boards, and the firmware for them
+//! - [`emulator`]: runs a firmware with a model and frames, and returns results and logs
+//! - [`sample`]: the sample model, and the frames for it
+//! - [`tables`]: memory and cost as tables
+//! - [`baseline`]: memory and cost at the last measurement, for comparison
 
 pub mod board;
 pub mod emulator;

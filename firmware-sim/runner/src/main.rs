@@ -1,9 +1,9 @@
-//! `scripts/board`: the emulated board on a model and frames.
+//! `scripts/board`: searches frames for the objects of a model on an emulated board.
 //!
-//! In: a model and pictures, folders or videos; without a model, the sample is linked in.
-//! Out: the lines of `keygraph detect --json`, with `instructions` in place of `time_ms`;
-//! or tables of memory and cost.
-//! Exit status 0 when all went well, 1 when not, 2 for a wrong command line.
+//! In: a model and pictures, folders or videos. Without a model, the sample model is linked in.
+//! Out: the lines of `keygraph detect --json`, with `instructions` in place of `time_ms`; or tables
+//! of memory and cost.
+//! Exit status: 0 if everything went well, 1 if not, 2 for a wrong command line.
 
 use std::fs::{self, File};
 use std::io::Read;
@@ -33,16 +33,16 @@ use serde_json::{Value, json};
 #[derive(Debug, Parser)]
 #[command(name = "scripts/board")]
 struct Cli {
-    /// Size of frames
+    /// Size of the frames
     #[arg(long, value_enum, default_value = "qvga")]
     profile: Frames,
     /// The board [default: n6 for vga, m7 for qvga, m4 for qqvga]
     #[arg(long, value_enum)]
     machine: Option<Machine>,
-    /// What the board's sensor gives
+    /// Pixel format of the board's sensor
     #[arg(long, value_enum, default_value = "yuyv")]
     format: SensorFormat,
-    /// Least score of a detection, 0 to 1
+    /// Minimum score of a detection, 0 to 1
     #[arg(long, default_value_t = DEFAULT_THRESHOLD)]
     threshold: f32,
     /// Add a digest of each stage's output
@@ -51,7 +51,7 @@ struct Cli {
     /// Search each frame on this machine too, and fail if any digest differs
     #[arg(long)]
     check: bool,
-    /// Learn what is in the middle of the first frame, and find it in the others: all
+    /// Learn the object in the middle of the first frame, and find it in the other frames: all
     /// arguments are frames
     #[arg(long)]
     learn: bool,
@@ -59,30 +59,30 @@ struct Cli {
     /// port
     #[arg(long, conflicts_with_all = ["learn", "check", "digests", "tables"])]
     camera: bool,
-    /// Fail if the sample costs more instructions than firmware-sim/baseline.json says:
-    /// its frames are searched, and no arguments needed
+    /// Fail if the sample costs more instructions than firmware-sim/baseline.json allows: the frames
+    /// of the sample are searched, and no arguments are needed
     #[arg(long, conflicts_with_all = ["learn", "camera", "inputs", "format"])]
     baseline: bool,
-    /// Measure the sample on all boards, and write firmware-sim/baseline.json and the
-    /// tables of firmware-sim/README.md anew
+    /// Measure the sample on all boards, and write firmware-sim/baseline.json and the tables of
+    /// firmware-sim/README.md again
     #[arg(long, exclusive = true)]
     renew: bool,
-    /// Run a firmware that ends badly, for the tests
+    /// Run a firmware that ends with an error, for the tests
     #[arg(long, hide = true)]
     ends: Option<Ends>,
-    /// Print tables of memory and of instructions (median over the frames) instead
+    /// Print tables of memory and of instructions (median over the frames) instead of lines
     #[arg(long)]
     tables: bool,
-    /// Show the board's log on standard error; twice: in detail
+    /// Show the board's log on standard error; give it twice for more detail
     #[arg(short, long, action = clap::ArgAction::Count)]
     verbose: u8,
-    /// A model, then frames: pictures, folders, videos. Without a model, that of
-    /// assets/pictures/astronaut.jpg is linked in
+    /// A model, then frames: pictures, folders, videos. Without a model, the sample model (of
+    /// assets/pictures/astronaut.jpg) is linked in
     #[arg(required_unless_present_any = ["baseline", "renew", "ends"], value_name = "[MODEL] FRAME")]
     inputs: Vec<PathBuf>,
 }
 
-/// How a firmware ends badly.
+/// The error that a test firmware ends with.
 #[derive(Clone, Copy, Debug, clap::ValueEnum)]
 enum Ends {
     Panic,
@@ -101,7 +101,7 @@ fn main() -> ExitCode {
     }
 }
 
-/// A frame as the board is given it.
+/// A frame as it is given to the board.
 struct Shot {
     source: String,
     frame: u64,
@@ -110,7 +110,7 @@ struct Shot {
     header: FrameHeader,
 }
 
-/// Measures the boards on the sample, and writes what they take.
+/// Measures the sample on all boards, and writes the baseline and the tables.
 fn renew() -> Result<bool> {
     let mut runs = Vec::new();
     for profile in ["vga", "qvga", "qqvga"] {
@@ -123,7 +123,8 @@ fn renew() -> Result<bool> {
     Ok(true)
 }
 
-/// Whether every frame could be read, and every check held; what the board took.
+/// Runs what the command line asks for. Returns whether every frame could be read and every check
+/// passed, and the figures of the run.
 fn board(cli: &Cli) -> Result<(bool, Option<Run>)> {
     if !cli.baseline {
         return searched(cli, &cli.inputs);
@@ -138,7 +139,7 @@ fn board(cli: &Cli) -> Result<(bool, Option<Run>)> {
     Ok((fine, run))
 }
 
-/// Searches frames, after a model if there is one among `inputs`.
+/// Searches frames. The first of `inputs` may be a model. Returns the same as `board`.
 fn searched(cli: &Cli, inputs: &[PathBuf]) -> Result<(bool, Option<Run>)> {
     let machine = cli.machine.unwrap_or(match cli.profile {
         Frames::Vga => Machine::N6,
@@ -158,7 +159,7 @@ fn searched(cli: &Cli, inputs: &[PathBuf]) -> Result<(bool, Option<Run>)> {
         (_, true, _) => Program::Camera,
         _ => Program::Detect,
     };
-    // Without a model, that of the sample is part of the firmware.
+    // Without a model, the sample model becomes part of the firmware.
     let linked = match program {
         Program::Detect | Program::Camera if model.is_none() => Some(sample::model()?),
         _ => None,
@@ -229,7 +230,7 @@ fn searched(cli: &Cli, inputs: &[PathBuf]) -> Result<(bool, Option<Run>)> {
     Ok((fine, Some(run)))
 }
 
-/// Whether a file is a model, whole or damaged, and not a frame.
+/// Returns whether a file is a model, whole or damaged, and not a frame.
 fn is_model(path: &Path) -> bool {
     let mut magic = [0; MAGIC.len()];
     let read = File::open(path).and_then(|mut f| f.read_exact(&mut magic));
@@ -250,7 +251,7 @@ const fn host_profile(frames: Frames) -> Profile {
     }
 }
 
-/// The frames, what the board is to read, and whether all could be read.
+/// Reads the frames. Returns them, the bytes that the board will read, and whether all frames could be read.
 fn gather(cli: &Cli, inputs: &[PathBuf]) -> Result<(Vec<Shot>, Vec<u8>, bool)> {
     let (mut shots, mut frames, mut fine) = (Vec::new(), Vec::new(), true);
     for item in Source::open(inputs)? {
@@ -295,14 +296,15 @@ impl Cli {
     }
 }
 
-/// The middle of a frame that is learnt: three quarters of both sides.
+/// Returns the size of the part that is learnt, px: three quarters of both sides of the frame, and
+/// at most the largest object that the board can learn.
 fn middle(frames: Frames, size: [u32; 2]) -> [u32; 2] {
     let [longer, shorter] = largest(frames == Frames::Qqvga);
     let limit = if size[0] >= size[1] { [longer, shorter] } else { [shorter, longer] };
     [0, 1].map(|i| (size[i] * 3 / 4).min(limit[i] as u32) & !1)
 }
 
-/// What learning told: the line to print, and the model.
+/// Reads the result of learning: the line to print, and the model.
 fn read_learnt(words: &mut impl Iterator<Item = u32>, shot: &Shot) -> Option<(Value, Vec<u8>)> {
     let [ticks, bytes, keygraphs, stack] = [words.next()?, words.next()?, words.next()?, words.next()?];
     let model: Vec<u8> =
@@ -315,7 +317,7 @@ fn read_learnt(words: &mut impl Iterator<Item = u32>, shot: &Shot) -> Option<(Va
     Some((line, model))
 }
 
-/// Whether this machine does the same with the frame, stage by stage.
+/// Searches the frame on this machine too, and returns whether all digests are equal.
 fn agrees(cli: &Cli, model: &Model<'_>, shot: &Shot, board: &Digests) -> Result<bool> {
     let request =
         Request { format: Some(cli.format.0), digests: true, ..Request::new(host_profile(cli.profile), cli.threshold) };
@@ -334,7 +336,7 @@ fn agrees(cli: &Cli, model: &Model<'_>, shot: &Shot, board: &Digests) -> Result<
     Ok(differs.is_none())
 }
 
-/// The line of a frame.
+/// Returns the JSON line of a frame.
 fn line(shot: &Shot, model: &Model<'_>, found: &Found, report: &Report) -> Value {
     let size = (shot.picture.width, shot.picture.height);
     let mut line = frame_line(&shot.source, shot.frame, size, model, found, None);

@@ -1,8 +1,8 @@
-//! The sample: a model for the board that is given none, and frames to show it with.
+//! The sample: a model for a board that is given no model, and frames for it.
 //!
-//! In: a picture of the repository. Out: a model file, trained as `keygraph train
-//! --preset compact` does, in the folder of what is built. Cost: a second; the file is
-//! left alone if nothing has changed, so that no firmware is built anew.
+//! In: a picture of the repository. Out: a model file in the folder for build results, trained as
+//! `keygraph train --preset compact` trains it. Cost: one second. An unchanged file is not written
+//! again, so that the firmware is not rebuilt.
 
 use std::fs;
 use std::path::PathBuf;
@@ -13,26 +13,26 @@ use keygraph::picture::read_picture;
 
 use crate::board::{root, targets};
 
-/// What the model is trained on.
+/// Picture that the model is trained on.
 pub const PICTURE: &str = "assets/pictures/astronaut.jpg";
 
-/// Frames that show it whole, from the side, small, and not at all.
+/// Frames that show the object whole, from the side, small, and not at all.
 pub const FRAMES: [&str; 4] =
     ["assets/sequence/0000.jpg", "assets/sequence/0009.jpg", "assets/sequence/0016.jpg", "assets/sequence/0025.jpg"];
 
-/// The frames' files.
+/// Returns the paths of the frames.
 ///
 /// # Errors
-/// When the runner does not lie in the repository.
+/// Fails if the runner is not inside the repository.
 pub fn frames() -> Result<Vec<PathBuf>> {
     let root = root()?;
     Ok(FRAMES.map(|f| root.join(f)).to_vec())
 }
 
-/// The model's file, and its bytes.
+/// Trains the model, and returns the path of its file and its bytes.
 ///
 /// # Errors
-/// When the picture cannot be read, or the file not written.
+/// Fails if the picture cannot be read, or if the file cannot be written.
 pub fn model() -> Result<(PathBuf, Vec<u8>)> {
     let picture = read_picture(&root()?.join(PICTURE))?;
     let (bytes, _) = train(&picture, "astronaut", Preset::Compact, false)?;

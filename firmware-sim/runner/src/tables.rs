@@ -1,6 +1,6 @@
 //! Memory and cost of a board as Markdown tables.
 //!
-//! In: what the firmware's file holds and what the board told. Out: text.
+//! In: the contents of the firmware's file, and the reports of the board. Out: text.
 
 use std::fmt::Write;
 
@@ -9,27 +9,28 @@ use keygraph_firmware_sim::wire::Report;
 
 use crate::board::{Contents, Frames, Machine, Program, STACK_LIMIT};
 
-/// What a run took.
+/// Figures of a run.
 #[derive(Clone, Debug)]
 pub struct Run {
-    /// Which firmware, board and frames.
+    /// Firmware program, board and size of the frames.
     pub of: (Program, Machine, Frames),
-    /// What the firmware's file holds.
+    /// Contents of the firmware's file.
     pub contents: Contents,
-    /// Bytes of the detector, and of each of its buffers.
+    /// Size of the detector, and of each of its buffers, bytes.
     pub detector: (u32, Vec<u32>),
-    /// What the board told, by frame.
+    /// Reports of the board, one per frame.
     pub reports: Vec<Report>,
 }
 
 impl Run {
-    /// Most bytes of stack that were used.
+    /// Returns the maximum stack use, bytes.
     #[must_use]
     pub fn stack(&self) -> u32 {
         self.reports.iter().map(|r| r.stack_bytes).max().unwrap_or(0)
     }
 
-    /// Name and bytes of the detector's buffers, the last of them all else in it.
+    /// Returns name and size in bytes of each buffer of the detector. The last entry is the rest of
+    /// the detector.
     #[must_use]
     pub fn buffers(&self) -> Vec<(&'static str, u32)> {
         let (whole, parts) = &self.detector;
@@ -38,7 +39,8 @@ impl Run {
         named
     }
 
-    /// Instructions of each stage and in total: name, median and most over the frames.
+    /// Returns the instructions of each stage and of the whole search: name, median and maximum
+    /// over the frames.
     #[must_use]
     pub fn cost(&self) -> Vec<(&'static str, u64, u64)> {
         let row = |name: &'static str, count: &dyn Fn(&Report) -> u64| {
@@ -52,13 +54,13 @@ impl Run {
         rows
     }
 
-    /// Where the bytes are.
+    /// Returns the table of memory.
     #[must_use]
     pub fn memory_table(&self) -> String {
         let (program, machine, frames) = self.of;
         let mut out = format!("| memory: {}, {} | bytes |\n| --- | --- |\n", machine.modelled(), frames.name());
         let mut row = |name: &str, bytes: u64| {
-            // Writing to a string does not fail.
+            // Writing to a string cannot fail.
             let _ = writeln!(out, "| {name} | {bytes} |");
         };
         for (name, bytes) in &self.contents.sections {
@@ -74,7 +76,7 @@ impl Run {
         out
     }
 
-    /// What the stages cost.
+    /// Returns the table of instructions by stage.
     #[must_use]
     pub fn cost_table(&self) -> String {
         let frames = self.reports.len();

@@ -1,7 +1,7 @@
-//! How a firmware ends, and what its log says, as `scripts/board` shows it.
+//! Tests how a firmware ends, and what `scripts/board` shows of its log.
 //!
-//! They need qemu-system-arm and the Rust target: without them they are skipped, aloud,
-//! or fail when KEYGRAPH_MUST_NOT_SKIP is set.
+//! The tests need qemu-system-arm and the Rust target. Without these they are skipped with a
+//! message, or fail if KEYGRAPH_MUST_NOT_SKIP is set.
 
 use std::env;
 use std::process::{Command, Output};
@@ -9,7 +9,7 @@ use std::process::{Command, Output};
 use keygraph_board::board::TARGET;
 use keygraph_board::sample;
 
-/// What `scripts/board` does with these arguments; `None` where it cannot.
+/// Runs the program behind `scripts/board`. Returns `None` if the emulator or the target is missing.
 fn board(arguments: &[&str]) -> Option<Output> {
     let output = |program: &str, argument: &str| Command::new(program).arg(argument).output();
     let emulator = output("qemu-system-arm", "--version").is_ok();
@@ -27,7 +27,7 @@ fn board(arguments: &[&str]) -> Option<Output> {
     Some(run.expect("the runner was built"))
 }
 
-/// What it said on standard error.
+/// Returns the text on standard error.
 fn told(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }

@@ -1,7 +1,7 @@
 //! Firmware that finds the objects of the model in flash.
 //!
-//! In: the model, a job and frames. Out: a report a frame. Memory: the detector and a
-//! raw frame. Cost: told in the reports, by stage.
+//! In: the model, a job and frames. Out: one report per frame. Memory: the detector and a raw
+//! frame. Cost: the reports give it by stage.
 #![no_std]
 #![no_main]
 

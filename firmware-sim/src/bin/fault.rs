@@ -1,6 +1,6 @@
-//! Firmware that faults, for the tests: the place must be told.
+//! Firmware that faults. The tests check that the log names the place.
 //!
-//! In: none. Out: a line of the log, and a status that is not zero. Memory: none.
+//! In: nothing. Out: a line of the log, and an exit status that is not zero. Memory: none.
 //! Cost: none.
 #![no_std]
 #![no_main]
@@ -9,6 +9,6 @@ use keygraph_firmware_sim as _;
 
 #[cortex_m_rt::entry]
 fn main() -> ! {
-    // An instruction that no processor has.
+    // No processor has this instruction.
     cortex_m::asm::udf()
 }

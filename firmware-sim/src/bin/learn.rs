@@ -1,9 +1,8 @@
-//! Firmware that learns what is in the middle of the first frame, and finds it in the
-//! others.
+//! Firmware that learns the object in the middle of the first frame, and finds it in the other frames.
 //!
-//! In: a job and frames. Out: what learning took and gave, then a report a frame.
-//! Memory: a raw frame, and one place for the learner and the detector after it. Cost:
-//! told, learning as a whole, detection by stage.
+//! In: a job and frames. Out: the cost and the result of learning, then one report per frame.
+//! Memory: a raw frame, and one block of memory that the learner uses first and the detector uses
+//! next. Cost: the output gives it, for learning as a whole and for detection by stage.
 #![no_std]
 #![no_main]
 

@@ -1,6 +1,6 @@
-//! Firmware that panics, for the tests: the place must be told.
+//! Firmware that panics. The tests check that the log names the place.
 //!
-//! In: none. Out: a line of the log, and a status that is not zero. Memory: none.
+//! In: nothing. Out: a line of the log, and an exit status that is not zero. Memory: none.
 //! Cost: none.
 #![no_std]
 #![no_main]
