@@ -38,7 +38,7 @@ impl Observer for Watch {
 #[inline(never)]
 pub fn search_all(detector: &mut Detector, model: &Model<'_>, job: &Job, link: &mut Link, buffer: &mut [u8]) {
     link.put(size_of::<Detector>() as u32);
-    Detector::BUFFERS.iter().for_each(|room| link.put(room.bytes as u32));
+    detector.rooms().iter().for_each(|room| link.put(room.bytes as u32));
     while let Some(header) = link.next_frame(buffer) {
         search(detector, model, job, link, &header, &buffer[..header.bytes()]);
     }

@@ -23,23 +23,18 @@ static VGA: Mutex<VgaDetector> = Mutex::new(VgaDetector::new());
 static KEYGRAPH: LazyLock<Vec<u8>> = LazyLock::new(|| small_model(Method::Keygraph, FeatureKind::Both, 40));
 static PAPER: LazyLock<Vec<u8>> = LazyLock::new(|| small_model(Method::Paper, FeatureKind::Chroma, 40));
 
-/// A detector of any size.
-trait Profile: Send {
-    fn run(&mut self, frame: &Frame<'_>, model: &Model<'_>) -> Result<(Vec<Detection>, Stats), FrameError>;
-}
+/// A detector of any profile.
+type AnyDetector = Detector<dyn Profile>;
 
-macro_rules! profile {
-    ($($detector:ty),*) => {$(
-        impl Profile for $detector {
-            fn run(&mut self, frame: &Frame<'_>, model: &Model<'_>) -> Result<(Vec<Detection>, Stats), FrameError> {
-                let found = self.detect(frame, model, 0.0, &mut || 0)?.to_vec();
-                Ok((found, *self.stats()))
-            }
-        }
-    )*};
+/// Searches a frame at a threshold of 0.
+fn detect(
+    detector: &mut AnyDetector,
+    frame: &Frame<'_>,
+    model: &Model<'_>,
+) -> Result<(Vec<Detection>, Stats), FrameError> {
+    let found = detector.detect(frame, model, 0.0, &mut || 0)?.to_vec();
+    Ok((found, *detector.stats()))
 }
-
-profile!(QqvgaDetector, QvgaDetector, VgaDetector);
 
 fn lock<T>(detector: &Mutex<T>) -> MutexGuard<'_, T> {
     detector.lock().unwrap_or_else(PoisonError::into_inner)
@@ -123,7 +118,7 @@ fn check(what: &str, method: Method, found: &[Detection], stats: &Stats) {
 
 /// Searches every pattern in every size. With `all` each frame comes in every format; without it
 /// the formats take turns.
-fn sweep(detector: &mut dyn Profile, sizes: &[(usize, usize)], all: bool) {
+fn sweep(detector: &mut AnyDetector, sizes: &[(usize, usize)], all: bool) {
     let models = [Model::parse(&KEYGRAPH).unwrap(), Model::parse(&PAPER).unwrap()];
     let mut frames = 0;
     for (s, &(w, h)) in sizes.iter().enumerate() {
@@ -137,7 +132,7 @@ fn sweep(detector: &mut dyn Profile, sizes: &[(usize, usize)], all: bool) {
                 let model = &models[usize::from((s + p + f) % 4 == 0)];
                 frames += 1;
                 let what = format!("{name}, {format:?} {w}x{h}, {:?}", model.method());
-                let (found, stats) = detector.run(&frame, model).unwrap_or_else(|e| panic!("{what}: {e}"));
+                let (found, stats) = detect(detector, &frame, model).unwrap_or_else(|e| panic!("{what}: {e}"));
                 check(&what, model.method(), &found, &stats);
             }
         }
@@ -177,10 +172,10 @@ fn vga_takes_any_pattern() {
     sweep(&mut *lock(&VGA), &sizes(640, 640 * 480), false);
 }
 
-fn noise_stats(detector: &mut dyn Profile, w: usize, h: usize) -> Stats {
+fn noise_stats(detector: &mut AnyDetector, w: usize, h: usize) -> Stats {
     let data = draw(PixelFormat::Rgb8, w, h, noise).unwrap();
     let frame = Frame::new(PixelFormat::Rgb8, w, h, &data).unwrap();
-    detector.run(&frame, &Model::parse(&KEYGRAPH).unwrap()).unwrap().1
+    detect(detector, &frame, &Model::parse(&KEYGRAPH).unwrap()).unwrap().1
 }
 
 #[test]
@@ -205,30 +200,30 @@ fn a_frame_leaves_nothing_behind() {
     let model = Model::parse(&KEYGRAPH).unwrap();
     let mut detector = lock(&QQVGA);
     let run = |detector: &mut QqvgaDetector| {
-        let (found, stats) = detector.run(&picture.frame(), &model).unwrap();
+        let (found, stats) = detect(detector, &picture.frame(), &model).unwrap();
         (found.iter().map(|d| (d.corners, d.score, d.votes)).collect::<Vec<_>>(), stats.stages)
     };
     let first = run(&mut detector);
     for (_, pattern) in PATTERNS {
         let data = draw(PixelFormat::Yuyv, 160, 120, pattern).unwrap();
-        detector.run(&Frame::new(PixelFormat::Yuyv, 160, 120, &data).unwrap(), &model).unwrap();
+        detect(detector, &Frame::new(PixelFormat::Yuyv, 160, 120, &data).unwrap(), &model).unwrap();
         assert_eq!(run(&mut detector), first);
     }
 }
 
 #[test]
 fn a_frame_too_large_is_refused_with_the_sizes() {
-    let refuse = |detector: &mut dyn Profile, w: usize, h: usize, max_side: usize, max_pixels: usize| {
+    let refuse = |detector: &mut AnyDetector, w: usize, h: usize, max_side: usize, max_pixels: usize| {
         let data = vec![90; w * h];
         let frame = Frame::new(PixelFormat::Gray8, w, h, &data).unwrap();
-        let error = detector.run(&frame, &Model::parse(&KEYGRAPH).unwrap()).unwrap_err();
+        let error = detect(detector, &frame, &Model::parse(&KEYGRAPH).unwrap()).unwrap_err();
         let (pixels, side) = (w * h, w.max(h));
         assert_eq!(error, FrameError::TooLarge { pixels, max_pixels, side, max_side }, "{w}x{h}");
         for number in [pixels, max_pixels, side, max_side] {
             assert!(error.to_string().contains(&number.to_string()), "{error} does not say {number}");
         }
     };
-    let each = |detector: &mut dyn Profile, side: usize, pixels: usize| {
+    let each = |detector: &mut AnyDetector, side: usize, pixels: usize| {
         refuse(detector, side + 1, 16, side, pixels);
         refuse(detector, 16, side + 1, side, pixels);
         refuse(detector, side, side, side, pixels);

@@ -635,8 +635,8 @@ mod tests {
             })
             .collect();
         let mut p = Box::new(Pyramid::new());
-        p.as_mut().load(&Frame::new(PixelFormat::Gray8, WIDTH, HEIGHT, &frame).unwrap()).unwrap();
-        p.as_mut().reduce();
+        p.planes_mut().load(&Frame::new(PixelFormat::Gray8, WIDTH, HEIGHT, &frame).unwrap()).unwrap();
+        p.planes_mut().reduce();
         let mut template = vec![NO_CHROMA.cast_unsigned(); template_bytes(SIDE, SIDE)];
         let luma = &mut template[..plane_bytes(SIDE, SIDE)];
         for (i, t) in luma[..SIDE * SIDE].iter_mut().enumerate() {

@@ -173,6 +173,7 @@ impl<
 }
 
 /// All buffers as views, for a search.
+#[derive(Debug)]
 pub struct Lent<'a> {
     pub(super) pyramid: PyramidMut<'a>,
     pub(super) scratch: &'a mut [f32],
@@ -191,6 +192,7 @@ pub struct Lent<'a> {
 }
 
 /// What the last search left.
+#[derive(Debug)]
 pub struct Shown<'a> {
     pub(super) pyramid: PyramidView<'a>,
     pub(super) points: &'a [Point],
@@ -233,7 +235,7 @@ impl<
 
     fn lend(&mut self) -> Lent<'_> {
         Lent {
-            pyramid: self.pyramid.as_mut(),
+            pyramid: self.pyramid.planes_mut(),
             scratch: self.scratch.as_flattened_mut(),
             mesh: self.mesh.workspace(),
             corners: &mut self.corners,

@@ -3,6 +3,9 @@
 //! In: an object and a homography. Out: its outline, and whether two outlines stand for one
 //! instance. Memory: none. Cost: 72 points for each pair of outlines.
 
+use heapless::Vec;
+
+use crate::base::capacity::DETECTIONS;
 use crate::base::geometry::{Homography, contains};
 use crate::detect::align::{Appearance, is_plausible};
 use crate::model::parse::Model;
@@ -32,8 +35,12 @@ pub struct Detection {
     pub appearance: Appearance,
 }
 
+/// What has been found in a frame, best score first.
+pub(crate) type Detections = Vec<Detection, DETECTIONS>;
+
 impl Detection {
     /// A pose without evidence.
+    #[inline(never)]
     pub(crate) fn at(model: &Model<'_>, object: u16, homography: &Homography) -> Self {
         let o = model.object(usize::from(object));
         Self {

@@ -241,6 +241,7 @@ fn check(frame: &Frame<'_>, limits: Limits, pyramid: &PyramidMut<'_>) -> Result<
 
 /// From a frame to detections, top to bottom: luma and chroma, their pyramid, the coarse
 /// levels, the steps of the plan.
+#[inline(never)]
 fn detect(
     lent: Lent<'_>,
     limits: Limits,

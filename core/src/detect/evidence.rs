@@ -13,7 +13,7 @@ use crate::base::capacity::{DETECTIONS, LEVELS};
 use crate::base::geometry::{Homography, area, contains};
 use crate::base::math;
 use crate::detect::align::Appearance;
-use crate::detect::detection::Detection;
+use crate::detect::detection::{Detection, Detections};
 use crate::detect::pose::{AGREEMENT, CORNER_NOISE_PX, MAX_CORNERS};
 use crate::detect::scene::{Scene, span, vertices};
 use crate::detect::vote::{Vote, Votes};
@@ -109,7 +109,7 @@ pub(crate) fn weigh(scene: &Scene<'_>, votes: &Votes<VecView<Vote>>, model: &Mod
 /// the best at its place; those that it beats there go. Returns whether one was lost for lack
 /// of room.
 #[inline(never)]
-pub(crate) fn accept(detections: &mut VecView<Detection>, d: Detection, threshold: f32) -> bool {
+pub(crate) fn accept(detections: &mut Detections, d: Detection, threshold: f32) -> bool {
     let beaten = detections.iter().any(|t| d.is_twin(t) && t.score >= d.score);
     if d.score < threshold || !d.is_plausible() || beaten {
         return false;
@@ -123,19 +123,15 @@ pub(crate) fn accept(detections: &mut VecView<Detection>, d: Detection, threshol
 /// Makes the votes that agree with a detection its supporters. Other votes for an object that
 /// lie in its outline are forgotten.
 #[inline(never)]
-pub(crate) fn settle(
-    votes: &mut Votes<VecView<Vote>>,
-    scene: &Scene<'_>,
-    detections: &VecView<Detection>,
-    model: &Model<'_>,
-) {
+pub(crate) fn settle(votes: &mut Votes<VecView<Vote>>, scene: &Scene<'_>, detections: &Detections, model: &Model<'_>) {
     let found: heapless::Vec<_, DETECTIONS> = detections.iter().map(Agreement::new).collect();
     let at = |v: &Vote| vertices(scene.points, &scene.keygraphs[usize::from(v.frame_keygraph)]).map(|(_, p)| p);
     votes.settle(|v| found.iter().any(|a| a.holds(model, v, at(v))), |v| is_found(detections, v.object, at(v)[0]));
 }
 
 /// Whether an object has been found at a place, frame px.
-pub(crate) fn is_found(detections: &VecView<Detection>, object: u16, at: [f32; 2]) -> bool {
+#[inline(never)]
+pub(crate) fn is_found(detections: &Detections, object: u16, at: [f32; 2]) -> bool {
     detections.iter().any(|d| d.object == object && contains(&d.corners, at))
 }
 
@@ -170,16 +166,18 @@ mod tests {
 
     #[test]
     fn the_best_at_a_place_stays_and_the_list_is_in_order() {
-        let mut owner: heapless::Vec<Detection, 3> = heapless::Vec::new();
-        let found: &mut VecView<Detection> = &mut owner;
-        let told = |found: &VecView<Detection>| found.iter().map(|d| (d.object, d.score)).collect::<std::vec::Vec<_>>();
+        let found = &mut Detections::new();
+        let told = |found: &Detections| found.iter().map(|d| (d.object, d.score)).collect::<std::vec::Vec<_>>();
         for d in [at(0, 0.0, 0.9), at(0, 5.0, 0.85), at(1, 5.0, 0.95), at(0, 200.0, 0.7), at(0, 300.0, 0.99)] {
             assert!(!accept(found, d, 0.8));
         }
         assert_eq!(told(found), [(0, 0.99), (1, 0.95), (0, 0.9)], "a worse twin and one below the threshold are out");
         assert!(!accept(found, at(0, 5.0, 0.97), 0.8), "it takes the place of its twin");
         assert_eq!(told(found), [(0, 0.99), (0, 0.97), (1, 0.95)]);
-        assert!(accept(found, at(2, 400.0, 0.9), 0.8), "one too many");
-        assert_eq!(found.len(), 3);
+        for i in 0..29 {
+            assert!(!accept(found, at(2, 400.0 + 60.0 * i as f32, 0.9), 0.8));
+        }
+        assert!(accept(found, at(3, 400.0, 0.9), 0.8), "one too many");
+        assert_eq!(found.len(), DETECTIONS);
     }
 }

@@ -144,6 +144,7 @@ impl<'a> Laps<'a> {
     }
 
     /// Ends the work of a stage, and shows what it made.
+    #[inline(never)]
     pub(crate) fn end(&mut self, tally: &mut Tally, output: Output<'_>) {
         let now = self.observer.now();
         let ticks = now.wrapping_sub(self.last);

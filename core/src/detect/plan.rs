@@ -131,6 +131,7 @@ impl Plan {
     }
 
     /// Step `i` of a round, `None` when there are no more.
+    #[inline(never)]
     #[must_use]
     pub fn step(&self, round: usize, i: usize) -> Option<Step> {
         match self.lists() {

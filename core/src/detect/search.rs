@@ -13,13 +13,13 @@ use core::ops::Range;
 
 use heapless::{Vec, VecView};
 
-use crate::base::capacity::{Buffer, CANDIDATES, DETECTIONS, Stage, StageStats, count, id};
+use crate::base::capacity::{Buffer, CANDIDATES, Stage, StageStats, count, id};
 use crate::base::geometry::{Homography, Point};
 use crate::base::math;
 use crate::base::sort::sort_by_key;
 use crate::detect::align::{appearance, refine};
 use crate::detect::classify::{Match, NEIGHBOURS, classify};
-use crate::detect::detection::Detection;
+use crate::detect::detection::{Detection, Detections};
 use crate::detect::evidence::{accept, is_found, settle, weigh};
 use crate::detect::hough::{Bin, Candidate, find_candidates};
 use crate::detect::observer::Output;
@@ -47,7 +47,7 @@ pub(crate) type Matches = Vec<(u16, Match), { CHUNK * NEIGHBOURS }>;
 pub struct Findings {
     pub(crate) matches: Matches,
     pub(crate) candidates: Vec<Candidate, CANDIDATES>,
-    pub(crate) detections: Vec<Detection, DETECTIONS>,
+    pub(crate) detections: Detections,
 }
 
 impl Findings {
@@ -66,6 +66,7 @@ pub(crate) struct Search<'a, 'o> {
 
 impl Search<'_, '_> {
     /// Takes the steps of a plan.
+    #[inline(never)]
     pub(crate) fn run(&mut self, plan: &Plan) {
         self.scene.find_coarse(&mut self.look);
         for round in 0..plan.rounds() {
@@ -100,6 +101,7 @@ impl Search<'_, '_> {
     }
 
     /// Finds the matches of a step, and casts their votes.
+    #[inline(never)]
     fn gather_votes(&mut self, step: &Step) {
         let keygraphs = self.scene.keygraphs_of(step.levels, &mut self.look);
         for first in keygraphs.clone().step_by(CHUNK) {
@@ -158,6 +160,7 @@ impl Search<'_, '_> {
 
     /// Turns open votes into detections. Returns the weight of the heaviest candidate that lies
     /// where nothing has been found.
+    #[inline(never)]
     fn decide(&mut self, bar: &Bar, when_to_settle: Settle) -> Option<u32> {
         loop {
             let known = self.findings.detections.len();
@@ -193,6 +196,7 @@ impl Search<'_, '_> {
     }
 
     /// Makes poses of the candidates, and keeps those that enough speaks for.
+    #[inline(never)]
     fn examine(&mut self, bar: &Bar) {
         let (model, rules) = (self.look.model, self.look.model.method().parameters());
         for i in 0..self.findings.candidates.len() {
@@ -217,6 +221,7 @@ impl Search<'_, '_> {
 
     /// Grows and aligns a candidate by each prior until one convinces; the pose that most blocks
     /// agree with.
+    #[inline(never)]
     fn find_pose(&mut self, candidate: &Candidate, map: &Normalised, start: &Homography) -> Option<Detection> {
         let support = |d: &Option<Detection>| d.map_or(-1.0, |d| d.appearance.support);
         let mut best: Option<Detection> = None;

@@ -269,8 +269,8 @@ mod tests {
             .map(|v| (v * light) as u8)
             .collect();
         let mut p = Box::new(Pyramid::new());
-        p.as_mut().load(&Frame::new(PixelFormat::Rgb8, side, side, &rgb).unwrap()).unwrap();
-        p.as_mut().reduce();
+        p.planes_mut().load(&Frame::new(PixelFormat::Rgb8, side, side, &rgb).unwrap()).unwrap();
+        p.planes_mut().reduce();
         p
     }
 

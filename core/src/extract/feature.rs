@@ -364,8 +364,8 @@ mod tests {
             .map(|v: f32| (v * gain) as u8)
             .collect();
         let mut p = std::boxed::Box::new(Small::new());
-        p.as_mut().load(&Frame::new(PixelFormat::Rgb8, 64, 64, &rgb).unwrap()).unwrap();
-        p.as_mut().reduce();
+        p.planes_mut().load(&Frame::new(PixelFormat::Rgb8, 64, 64, &rgb).unwrap()).unwrap();
+        p.planes_mut().reduce();
         p
     }
 
@@ -411,8 +411,8 @@ mod tests {
             .map(|v| (128.0 + 55.0 * v) as u8)
             .collect();
         let mut p = std::boxed::Box::new(Small::new());
-        p.as_mut().load(&Frame::new(PixelFormat::Rgb8, 64, 64, &rgb).unwrap()).unwrap();
-        p.as_mut().reduce();
+        p.planes_mut().load(&Frame::new(PixelFormat::Rgb8, 64, 64, &rgb).unwrap()).unwrap();
+        p.planes_mut().reduce();
         p
     }
 

@@ -204,7 +204,7 @@ impl<const LUMA: usize, const CHROMA: usize> Pyramid<LUMA, CHROMA> {
     }
 
     /// The planes without their const generics, for writing.
-    pub fn as_mut(&mut self) -> PyramidMut<'_> {
+    pub fn planes_mut(&mut self) -> PyramidMut<'_> {
         let Self { size, luma, chroma: [a, b] } = self;
         PyramidMut { size, luma, chroma: [a, b] }
     }
@@ -273,7 +273,7 @@ impl<'a> PyramidMut<'a> {
         self.reduce_luma();
         let [width, height] = *self.size;
         for plane in &mut self.chroma {
-            reduce_all(plane, width / 2, height / 2, halve_chroma);
+            reduce_chroma(plane, width / 2, height / 2);
         }
     }
 
@@ -423,6 +423,12 @@ pub(crate) fn reduce_all<T: Copy>(data: &mut [T], mut w: usize, mut h: usize, ha
     }
 }
 
+/// Makes the levels above level 0 of a chroma plane. Not inlined: boards have room for it once.
+#[inline(never)]
+fn reduce_chroma(plane: &mut [i8], width: usize, height: usize) {
+    reduce_all(plane, width, height, halve_chroma);
+}
+
 /// All levels of one frame, borrowed.
 #[derive(Clone, Copy, Debug)]
 pub struct PyramidView<'a> {
@@ -515,8 +521,8 @@ mod tests {
         let mut data = [0u8; 18 * 16];
         data.iter_mut().enumerate().for_each(|(i, v)| *v = (i % 18 * 10) as u8);
         let mut p: Pyramid<400, 100> = Pyramid::new();
-        p.as_mut().load(&Frame::new(PixelFormat::Gray8, 18, 16, &data).unwrap()).unwrap();
-        p.as_mut().reduce();
+        p.planes_mut().load(&Frame::new(PixelFormat::Gray8, 18, 16, &data).unwrap()).unwrap();
+        p.planes_mut().reduce();
         let v = p.view();
         assert_eq!(v.luma(1).row(3), [5, 25, 45, 65, 85, 105, 125, 145, 165]);
         assert_eq!(v.luma(2).row(0), [15, 55, 95, 135]);
@@ -562,9 +568,9 @@ mod tests {
     fn a_frame_that_does_not_fit_is_refused() {
         let mut p: Pyramid<340, 85> = Pyramid::new();
         let data = [0; 17 * 17];
-        assert!(p.as_mut().load(&Frame::new(PixelFormat::Gray8, 16, 16, &data[..256]).unwrap()).is_ok());
+        assert!(p.planes_mut().load(&Frame::new(PixelFormat::Gray8, 16, 16, &data[..256]).unwrap()).is_ok());
         assert!(matches!(
-            p.as_mut().load(&Frame::new(PixelFormat::Gray8, 17, 17, &data).unwrap()),
+            p.planes_mut().load(&Frame::new(PixelFormat::Gray8, 17, 17, &data).unwrap()),
             Err(FrameError::TooLarge { pixels: 289, max_pixels: 256, .. })
         ));
     }

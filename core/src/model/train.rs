@@ -232,7 +232,7 @@ impl<const LUMA: usize, const CHROMA: usize, const SIDE: usize, const CORNERS: u
         if ![original.0, original.1].iter().all(|side| (1..=MAX_PICTURE_SIDE).contains(side)) {
             return Err(TrainError::Original { width: original.0, height: original.1 });
         }
-        let mut pyramid = self.picture.as_mut();
+        let mut pyramid = self.picture.planes_mut();
         pyramid.load(picture)?;
         pyramid.reduce();
         let rules = params.method.parameters();
@@ -363,7 +363,7 @@ impl<const LUMA: usize, const CHROMA: usize, const SIDE: usize, const CORNERS: u
     #[inline(never)]
     fn prepare(&mut self, plan: &Plan, rules: &Parameters) {
         let picture = self.picture.view();
-        let mut view = self.view.as_mut();
+        let mut view = self.view.planes_mut();
         let Some((luma, a, b)) = view.level0(plan.width, plan.height) else { return };
         render(&picture, &plan.to_loaded, plan.scale, plan.width, luma, [a, b]);
         view.reduce();

@@ -137,6 +137,21 @@ pub fn targets() -> Result<PathBuf> {
     Ok(env::var_os("CARGO_TARGET_DIR").map_or(root()?.join("target"), PathBuf::from))
 }
 
+/// Returns compiler flags that shorten the paths of source files, which panics tell and which
+/// therefore lie in flash. Without them the size of the firmware depends on the place of the
+/// repository.
+fn short_paths() -> Result<Vec<String>> {
+    let home = env::var_os("CARGO_HOME").map(PathBuf::from);
+    let home = home.or_else(|| env::var_os("HOME").map(|home| PathBuf::from(home).join(".cargo")));
+    let mut flags = vec![format!("--remap-path-prefix={}/=", root()?.display())];
+    // Each registry has a folder of its own.
+    let registries = home.and_then(|home| fs::read_dir(home.join("registry/src")).ok());
+    for registry in registries.into_iter().flatten().flatten() {
+        flags.push(format!("--remap-path-prefix={}/=", registry.path().display()));
+    }
+    Ok(flags)
+}
+
 /// Builds a firmware program and returns the path of its ELF file. The firmware logs from level
 /// `log` on. `model` is linked in if there is one.
 ///
@@ -148,6 +163,8 @@ pub fn build(program: Program, machine: Machine, frames: Frames, log: &str, mode
     let (kind, name, place) = program.selection();
     let mut cargo = Command::new(env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
     cargo
+        .arg("--config")
+        .arg(format!("target.{TARGET}.rustflags={:?}", short_paths()?))
         .args(["build", "--quiet", "--release", "--locked", "--target", TARGET, kind, name, "--manifest-path"])
         .arg(root()?.join("firmware-sim/Cargo.toml"))
         .args(["-p", "keygraph-firmware-sim", "--features"])
