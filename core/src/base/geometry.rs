@@ -109,6 +109,13 @@ impl Homography {
         Self([a, b, c, d, e, f, 0.0, 0.0, 1.0])
     }
 
+    /// The map from one size of a picture to another: a picture that is `x` times as wide and
+    /// `y` times as high, both with pixel centres at integers.
+    #[must_use]
+    pub const fn scaling([x, y]: [f32; 2]) -> Self {
+        Self::affine([x, 0.0, (x - 1.0) / 2.0, 0.0, y, (y - 1.0) / 2.0])
+    }
+
     /// Image of `p`; not finite on the line that goes to infinity.
     #[must_use]
     pub fn apply(&self, [x, y]: [f32; 2]) -> [f32; 2] {

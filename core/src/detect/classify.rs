@@ -16,8 +16,9 @@ use heapless::Vec;
 use crate::base::math::VECTORS;
 use crate::extract::feature::{Feature, signature, sketch};
 use crate::extract::keygraph::{BIN, Keygraph, LARGEST_BINS, SECOND_BINS, cell_of};
+use crate::model::format::{SKETCH, Tier};
 use crate::model::method::MatchRule;
-use crate::model::parse::{Keys, Model, SKETCH, Tier};
+use crate::model::parse::{Keys, Model};
 
 /// A model keygraph that a frame keygraph looks like.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

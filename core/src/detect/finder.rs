@@ -10,9 +10,9 @@ use crate::base::capacity::StageStats;
 use crate::base::geometry::Point;
 use crate::extract::corners::{Corner, detect_corners};
 use crate::extract::delaunay::{Triple, Workspace, triangulate};
-use crate::extract::rank::{rank_by_radius, rank_by_strength};
+use crate::extract::rank::rank;
 use crate::image::pyramid::Plane;
-use crate::model::method::{Parameters, Ranking};
+use crate::model::method::Parameters;
 
 /// Where keypoints and triples of a frame come from: the framework is open to
 /// others than our corners and their triangulation. The levels above the finest are asked
@@ -43,10 +43,7 @@ impl Finder for Corners<'_> {
             return StageStats::default();
         }
         let mut stats = detect_corners(luma, &rules.corners, scratch, out);
-        match rules.ranking {
-            Ranking::Radius => rank_by_radius(out, limit, scratch, &mut stats),
-            Ranking::Strength(apart) => rank_by_strength(out, apart, limit, &mut stats),
-        }
+        rank(rules.ranking, out, limit, scratch, &mut stats);
         stats
     }
 

@@ -11,8 +11,9 @@
 //! Memory: [`Plan`], 40 bytes; one [`Step`] at a time. Cost: a few operations a step.
 
 use crate::base::capacity::id;
+use crate::model::format::Tier;
 use crate::model::method::{Bar, Lists, MatchRule, Parameters};
-use crate::model::parse::{Model, Tier};
+use crate::model::parse::Model;
 
 /// What a plan depends on in a model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

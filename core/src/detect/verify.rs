@@ -247,7 +247,7 @@ mod tests {
     use super::*;
     use crate::image::frame::{Frame, PixelFormat};
     use crate::image::pyramid::{Pyramid, halve_chroma, halve_luma, plane_bytes, reduce_all};
-    use crate::model::parse::template_bytes;
+    use crate::model::format::template_bytes;
     use std::prelude::rust_2024::*;
     use std::vec;
 

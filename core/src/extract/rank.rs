@@ -16,6 +16,32 @@ use crate::base::math::{VECTORS, min};
 use crate::base::sort::sort_by_key;
 use crate::extract::corners::{Corner, LANES, by_strength};
 
+/// How corners are put in order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ranking {
+    /// By suppression radius: each prefix covers the image evenly.
+    Radius,
+    /// By strength, this many px apart.
+    Strength(u16),
+}
+
+/// Orders corners as `ranking` says, and keeps at most `limit` of them.
+///
+/// # Panics
+/// When `scratch` is shorter than [`rank_by_radius`] needs.
+pub fn rank(
+    ranking: Ranking,
+    corners: &mut VecView<Corner>,
+    limit: usize,
+    scratch: &mut [f32],
+    stats: &mut StageStats,
+) {
+    match ranking {
+        Ranking::Radius => rank_by_radius(corners, limit, scratch, stats),
+        Ranking::Strength(apart) => rank_by_strength(corners, apart, limit, stats),
+    }
+}
+
 /// Orders corners strongest first and, where two lie nearer than
 /// `min_distance_px`, keeps the stronger: the plain ranking of OpenCV. At most
 /// `limit` are left; those beyond, far enough from the others, count as dropped.

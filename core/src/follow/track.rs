@@ -510,7 +510,8 @@ mod tests {
     use crate::extract::feature::FeatureKind;
     use crate::image::frame::PixelFormat;
     use crate::model::method::Method;
-    use crate::model::train::{QqvgaTrainer, TrainParams, ViewSpec};
+    use crate::model::train::{QqvgaTrainer, TrainParams};
+    use crate::model::views::ViewSpec;
     use std::prelude::rust_2024::*;
     use std::vec;
     use std::vec::Vec;

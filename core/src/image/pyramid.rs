@@ -492,15 +492,13 @@ pub(crate) fn level_of<T>(data: &[T], width: usize, height: usize, level: usize)
 /// Level 0 px of a plane's pyramid to px of level `level`.
 #[must_use]
 pub fn into_level(level: usize) -> Homography {
-    let s = 1.0 / f32::from(1u8 << level);
-    Homography::affine([s, 0.0, (s - 1.0) / 2.0, 0.0, s, (s - 1.0) / 2.0])
+    Homography::scaling([1.0 / f32::from(1u8 << level); 2])
 }
 
 /// Px of level `level` to those of level 0.
 #[must_use]
 pub fn out_of_level(level: usize) -> Homography {
-    let s = f32::from(1u8 << level);
-    Homography::affine([s, 0.0, (s - 1.0) / 2.0, 0.0, s, (s - 1.0) / 2.0])
+    Homography::scaling([f32::from(1u8 << level); 2])
 }
 
 /// The point of level 0 that lies at `p` in level `level` (pixel centres at

@@ -6,6 +6,7 @@ use crate::base::capacity::LEVELS;
 use crate::extract::corners::CornerParams;
 use crate::extract::feature::Sampling;
 use crate::extract::keygraph::Scalene;
+use crate::extract::rank::Ranking;
 
 /// How the keygraphs were made, and so how frames are searched.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -26,15 +27,6 @@ impl Method {
             Self::Paper => Sampling::Segments,
         }
     }
-}
-
-/// How corners are put in order.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Ranking {
-    /// By suppression radius: each prefix covers the image evenly.
-    Radius,
-    /// By strength, this many px apart.
-    Strength(u16),
 }
 
 /// What counts as a match.

@@ -5,8 +5,13 @@
 //! calls it.
 
 pub mod method;
+pub mod format;
 pub mod parse;
+pub mod table;
 pub mod pack;
+pub mod views;
 pub mod train;
+pub use format::*;
 pub use method::Method;
 pub use parse::*;
+pub use views::*;

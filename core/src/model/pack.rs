@@ -9,13 +9,15 @@
 //! subset of the lists, and four passes over the keygraphs to tell the likeliest (some 40 ms
 //! an object).
 
-use crate::extract::feature::{FeatureKind, sketch};
-use crate::extract::keygraph::{BIN, CELLS, COSTS, Key, MAX_COST};
-use crate::model::method::Method;
-use crate::model::parse::{
-    CHECKED, Counts, HEADER, KEY, KEYPOINT, Layout, MAGIC, Model, OBJECT, SKETCH, Tier, Tiers, VERSION, VERTICES, VIEW,
-    crc32, u16_at, u32_at,
+use crate::base::capacity::id;
+use crate::extract::feature::sketch;
+use crate::extract::keygraph::{CELLS, COSTS, MAX_COST};
+use crate::model::format::{
+    Counts, ENTRY, KEYPOINT, Layout, OBJECT, SKETCH, START, Tier, Tiers, VERTICES, VIEW, object, sort_cell, vertices,
+    view, write_header,
 };
+use crate::model::parse::Model;
+use crate::model::table::is_one_of;
 
 /// Why models cannot be packed into one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -65,19 +67,25 @@ fn merged(models: &[Model<'_>]) -> Result<(Counts, Tiers), PackError> {
     if let Some(index) = models.iter().position(|m| !alike(m)) {
         return Err(PackError::Different { index });
     }
-    let mut counts: Counts = core::array::from_fn(|i| models.iter().map(|m| m.counts()[i]).sum());
-    counts[3] = each_object(models).map(|(m, object, _)| own_keygraphs(m, object).count()).sum();
-    let lists = first.method().parameters().lists.is_some() && counts[0] > 1;
-    // They are made anew.
-    counts[5] = 0;
+    // The lists of the models are left out: they are made anew.
+    let mut counts = Counts::default();
+    for m in models {
+        let Counts { objects, views, keypoints, templates, .. } = m.counts();
+        counts.objects += objects;
+        counts.views += views;
+        counts.keypoints += keypoints;
+        counts.templates += templates;
+    }
+    counts.keygraphs = each_object(models).map(|(m, object, _)| own_keygraphs(m, object).count()).sum();
+    let lists = first.method().parameters().lists.is_some() && counts.objects > 1;
     if lists {
-        let n = counts[0];
-        counts[5] = each_object(models).map(|(m, object, _)| shares(m, object, n).iter().sum::<usize>()).sum();
-        counts[3] += counts[5];
+        let n = counts.objects;
+        counts.listed = each_object(models).map(|(m, object, _)| shares(m, object, n).iter().sum::<usize>()).sum();
+        counts.keygraphs += counts.listed;
     }
     let tiers = Tiers { lists, second: models.iter().any(Model::has_second_tiers) };
     let limit = usize::from(u16::MAX);
-    if counts[0] > limit || counts[1] > limit { Err(PackError::TooMany) } else { Ok((counts, tiers)) }
+    if counts.objects > limit || counts.views > limit { Err(PackError::TooMany) } else { Ok((counts, tiers)) }
 }
 
 /// Bytes of the model that [`pack`] makes of `models`.
@@ -91,7 +99,7 @@ pub fn packed_len(models: &[Model<'_>]) -> Result<usize, PackError> {
 fn layout(models: &[Model<'_>]) -> Result<(Counts, Tiers, Layout), PackError> {
     let (counts, tiers) = merged(models)?;
     let bytes = models.first().map_or(0, |m| m.feature_bytes());
-    Layout::new(counts, tiers, bytes).map(|l| (counts, tiers, l)).ok_or(PackError::TooMany)
+    Layout::new(&counts, tiers, bytes).map(|l| (counts, tiers, l)).ok_or(PackError::TooMany)
 }
 
 /// All objects: the model of each, its number there, and how many views come before that
@@ -164,11 +172,6 @@ impl Choice {
     }
 }
 
-/// Whether thing `i` of `of` is one of the `n` evenly spread ones.
-pub(crate) const fn is_one_of(n: usize, of: usize, i: usize) -> bool {
-    of > 0 && (i as u64 + 1) * n as u64 / of as u64 != i as u64 * n as u64 / of as u64
-}
-
 /// What a keygraph costs, or the most that counts.
 fn class(m: &Model<'_>, keygraph: usize) -> usize {
     m.cost(keygraph).min(MAX_COST) as usize
@@ -232,18 +235,18 @@ pub fn pack(models: &[Model<'_>], out: &mut [u8]) -> Result<usize, PackError> {
         };
         copy(layout.objects + OBJECT * objects, l.objects..l.views);
         copy(layout.views + VIEW * views, l.views..l.keypoints);
-        copy(layout.keypoints + KEYPOINT * keypoints, l.keypoints..l.cells);
+        copy(layout.keypoints + KEYPOINT * keypoints, l.keypoints..l.index);
         copy(layout.templates + templates, l.templates..l.end);
         for i in objects..objects + m.objects() {
             let r = &mut out[layout.objects + OBJECT * i..][..OBJECT];
-            let at = u32_at(r, 40) as usize;
-            put_u32(r, 40, at + templates);
+            let at = object::TEMPLATE.size(r) + templates;
+            object::TEMPLATE.put_size(r, at);
         }
         for i in views..views + m.views() {
             let r = &mut out[layout.views + VIEW * i..][..VIEW];
-            let (object, at) = (usize::from(u16_at(r, 0)), u32_at(r, 4) as usize);
-            put_u16(r, 0, object + objects);
-            put_u32(r, 4, at + keypoints);
+            let (of, first) = (view::OBJECT.get(r) + id(objects), view::FIRST.size(r) + keypoints);
+            view::OBJECT.put(r, of);
+            view::FIRST.put_size(r, first);
         }
         objects += m.objects();
         views += m.views();
@@ -253,7 +256,7 @@ pub fn pack(models: &[Model<'_>], out: &mut [u8]) -> Result<usize, PackError> {
 
     let mut copied = Copied { keygraphs: 0, subsets: 0 };
     if tiers.lists {
-        write_lists(models, counts[0], out, &layout, &mut copied);
+        write_lists(models, counts.objects, out, &layout, &mut copied);
     }
     for (m, object, views) in each_object(models) {
         for tier in [Tier::First(object), Tier::Second(object)].into_iter().take(1 + usize::from(tiers.second)) {
@@ -265,8 +268,8 @@ pub fn pack(models: &[Model<'_>], out: &mut [u8]) -> Result<usize, PackError> {
             }
         }
     }
-    put_u32(out, layout.cells + 4 * copied.subsets, copied.keygraphs);
-    write_header(out, first.method(), first.feature(), tiers, counts);
+    copied.end_index(out, &layout);
+    write_header(out, first.method(), first.feature(), tiers, &counts);
     Ok(out.len())
 }
 
@@ -294,90 +297,19 @@ impl Copied {
         self.keygraphs += range.len();
         for i in at..self.keygraphs {
             let r = &mut out[layout.vertices + VERTICES * i..][..2];
-            let view = usize::from(u16_at(r, 0));
-            put_u16(r, 0, view + views);
+            let view = vertices::VIEW.get(r) + id(views);
+            vertices::VIEW.put(r, view);
         }
     }
 
     /// Appends a subset to the index: the keygraphs from `start` on.
     fn subset(&mut self, start: usize, out: &mut [u8], layout: &Layout) {
-        put_u32(out, layout.cells + 4 * self.subsets, start);
+        START.put_size(&mut out[layout.index + ENTRY * self.subsets..], start);
         self.subsets += 1;
     }
-}
 
-pub(crate) fn put_u16(r: &mut [u8], at: usize, v: usize) {
-    r[at..at + 2].copy_from_slice(&u16::try_from(v).unwrap_or(u16::MAX).to_le_bytes());
-}
-
-pub(crate) fn put_u32(r: &mut [u8], at: usize, v: usize) {
-    r[at..at + 4].copy_from_slice(&u32::try_from(v).unwrap_or(u32::MAX).to_le_bytes());
-}
-
-/// The key of a keygraph, a byte for each plane.
-pub(crate) fn key_bytes(size: u8, key: Key, signature: u32) -> [u8; KEY] {
-    let [a, b, c, _] = signature.to_le_bytes();
-    [size, ((key.largest % BIN) << 4) | (key.second % BIN), a, b, c]
-}
-
-/// Sorts the keygraphs of a subset by their keys, in place (heap sort over their
-/// parallel parts).
-pub(crate) fn sort_cell(out: &mut [u8], layout: &Layout, feature_bytes: usize, range: core::ops::Range<usize>) {
-    let start = range.start;
-    let parts = layout.parts(feature_bytes);
-    let key = |out: &[u8], i: usize| -> [u8; KEY] { core::array::from_fn(|p| out[parts[p].0 + start + i]) };
-    let swap = |out: &mut [u8], i: usize, j: usize| {
-        for (part, each) in parts {
-            for b in 0..each {
-                out.swap(part + each * (start + i) + b, part + each * (start + j) + b);
-            }
-        }
-    };
-    let sift = |out: &mut [u8], mut root: usize, n: usize| {
-        loop {
-            let mut child = 2 * root + 1;
-            if child >= n {
-                return;
-            }
-            if child + 1 < n && key(out, child) < key(out, child + 1) {
-                child += 1;
-            }
-            if key(out, root) >= key(out, child) {
-                return;
-            }
-            swap(out, root, child);
-            root = child;
-        }
-    };
-    let n = range.len();
-    for i in (0..n / 2).rev() {
-        sift(out, i, n);
+    /// Ends the index with the number of keygraphs.
+    fn end_index(&mut self, out: &mut [u8], layout: &Layout) {
+        self.subset(self.keygraphs, out, layout);
     }
-    for end in (1..n).rev() {
-        swap(out, 0, end);
-        sift(out, 0, end);
-    }
-}
-
-/// Writes the header, and last the checksum over everything behind it.
-pub(crate) fn write_header(out: &mut [u8], method: Method, feature: FeatureKind, tiers: Tiers, counts: Counts) {
-    out[..4].copy_from_slice(&MAGIC);
-    put_u16(out, 4, usize::from(VERSION));
-    put_u16(out, 6, HEADER);
-    put_u32(out, 8, out.len());
-    out[16] = match method {
-        Method::Keygraph => 0,
-        Method::Paper => 1,
-    };
-    out[17] = match feature {
-        FeatureKind::Chroma => 1,
-        FeatureKind::Luma => 2,
-        FeatureKind::Both => 3,
-    };
-    put_u16(out, 18, tiers.bits().into());
-    for (i, n) in counts.into_iter().enumerate() {
-        put_u32(out, 20 + 4 * i, n);
-    }
-    let crc = crc32(&out[CHECKED..]);
-    out[12..16].copy_from_slice(&crc.to_le_bytes());
 }

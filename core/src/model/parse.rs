@@ -12,28 +12,12 @@ use crate::base::geometry::{Homography, Point};
 use crate::extract::feature::FeatureKind;
 use crate::extract::keygraph::CELLS;
 use crate::image::pyramid::{Plane, level_of, plane_bytes};
+use crate::model::format::{
+    CHECKED, Counts, ENTRY, HEADER, KEYPOINT, Layout, MAGIC, MAX_PICTURE_SIDE, NAME_BYTES, OBJECT, SKETCH, START, Tier,
+    Tiers, VERSION, VERTICES, VIEW, crc32, header, keypoint, kind_of, method_of, object, template_bytes, vertices,
+    view,
+};
 use crate::model::method::Method;
-
-/// First bytes of every model.
-pub const MAGIC: [u8; 4] = *b"KGM\x1a";
-/// The version that this library writes and reads.
-pub const VERSION: u16 = 6;
-/// Longest name of an object, bytes of UTF-8.
-pub const NAME_BYTES: usize = 32;
-/// Longest side of a training picture, px.
-pub const MAX_PICTURE_SIDE: u32 = 1 << 20;
-
-pub(crate) const HEADER: usize = 44;
-/// Where the checksummed part starts.
-pub(crate) const CHECKED: usize = 16;
-pub(crate) const OBJECT: usize = 56;
-pub(crate) const VIEW: usize = 44;
-pub(crate) const KEYPOINT: usize = 4;
-/// Bytes of a keygraph's key: one in each plane of [`Keys`].
-pub(crate) const KEY: usize = 5;
-pub(crate) const VERTICES: usize = 5;
-/// Bytes of a [`crate::extract::feature::sketch`].
-pub const SKETCH: usize = 8;
 
 /// Why bytes are not a model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -43,6 +27,11 @@ pub enum ModelError {
     NotAModel,
     /// Written by a newer version: update this program, or train again.
     NewerVersion {
+        /// The version found.
+        found: u16,
+    },
+    /// Written by an older version: train again.
+    OlderVersion {
         /// The version found.
         found: u16,
     },
@@ -81,7 +70,11 @@ impl core::fmt::Display for ModelError {
             Self::NotAModel => write!(f, "this is not a keygraph model: make one with `keygraph train`"),
             Self::NewerVersion { found } => write!(
                 f,
-                "model version {found} is not the version {VERSION} that this program reads: update it, or train again"
+                "model version {found} is newer than version {VERSION}, which this program reads: update the program, or train again"
+            ),
+            Self::OlderVersion { found } => write!(
+                f,
+                "model version {found} is older than version {VERSION}, which this program reads: train again (and pack again)"
             ),
             Self::Truncated { expected, given } => {
                 write!(f, "the model is cut off: {given} bytes of {expected}; copy it again")
@@ -100,198 +93,6 @@ impl core::fmt::Display for ModelError {
 }
 
 impl core::error::Error for ModelError {}
-
-/// What a byte that is 0 to 3 bytes before the end of four adds to their CRC.
-const CRC_TABLES: [[u32; 256]; 4] = {
-    let mut tables = [[0; 256]; 4];
-    let mut i = 0;
-    while i < 256 {
-        #[allow(clippy::cast_possible_truncation, reason = "below 256")]
-        let mut c = i as u32;
-        let mut k = 0;
-        while k < 8 {
-            c = if c & 1 == 1 { c >> 1 ^ 0xedb8_8320 } else { c >> 1 };
-            k += 1;
-        }
-        tables[0][i] = c;
-        i += 1;
-    }
-    let mut t = 1;
-    while t < 4 {
-        i = 0;
-        while i < 256 {
-            let c = tables[t - 1][i];
-            tables[t][i] = c >> 8 ^ tables[0][(c & 0xff) as usize];
-            i += 1;
-        }
-        t += 1;
-    }
-    tables
-};
-
-/// CRC-32 (ISO-HDLC, the one of zip and PNG), four bytes at a time.
-#[must_use]
-pub fn crc32(bytes: &[u8]) -> u32 {
-    let (words, rest) = bytes.as_chunks();
-    let c = words.iter().fold(!0, |c, &word| {
-        let [a, b, d, e] = (c ^ u32::from_le_bytes(word)).to_le_bytes().map(usize::from);
-        CRC_TABLES[3][a] ^ CRC_TABLES[2][b] ^ CRC_TABLES[1][d] ^ CRC_TABLES[0][e]
-    });
-    !rest.iter().fold(c, |c, &b| c >> 8 ^ CRC_TABLES[0][usize::from(c.to_le_bytes()[0] ^ b)])
-}
-
-/// A part of the keygraphs with a partition of its own.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Tier {
-    /// Copies of the keygraphs of all objects that are likeliest to be seen again, where there
-    /// is more than one object.
-    Shortlist,
-    /// Copies of the next of them.
-    Longlist,
-    /// The keygraphs of an object that are likeliest to be seen again.
-    First(u16),
-    /// Its others: searched where the first tier leaves doubts.
-    Second(u16),
-}
-
-impl Tier {
-    /// The object whose keygraphs these are.
-    #[must_use]
-    pub const fn object(self) -> Option<u16> {
-        match self {
-            Self::Shortlist | Self::Longlist => None,
-            Self::First(object) | Self::Second(object) => Some(object),
-        }
-    }
-
-    /// Which list of all objects it is.
-    #[must_use]
-    pub const fn list(self) -> Option<usize> {
-        match self {
-            Self::Shortlist => Some(0),
-            Self::Longlist => Some(1),
-            Self::First(_) | Self::Second(_) => None,
-        }
-    }
-}
-
-/// Which tiers a model has.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Tiers {
-    pub lists: bool,
-    pub second: bool,
-}
-
-impl Tiers {
-    /// How many there are with so many objects.
-    pub const fn count(self, objects: usize) -> usize {
-        2 * self.lists as usize + objects * (1 + self.second as usize)
-    }
-
-    /// Where a tier that there is stands among them.
-    pub const fn number(self, tier: Tier) -> usize {
-        match tier {
-            Tier::Shortlist => 0,
-            Tier::Longlist => 1,
-            Tier::First(object) => self.count(object as usize),
-            Tier::Second(object) => self.count(object as usize) + 1,
-        }
-    }
-
-    /// As they stand in the header.
-    pub const fn bits(self) -> u16 {
-        (self.second as u16) << 1 | (self.lists as u16) << 2
-    }
-
-    const fn from_bits(bits: u16) -> Option<Self> {
-        if bits & !6 == 0 { Some(Self { lists: bits & 4 == 4, second: bits & 2 == 2 }) } else { None }
-    }
-}
-
-/// Objects, views, keypoints, keygraphs, bytes of templates, keygraphs of the lists.
-pub(crate) type Counts = [usize; 6];
-
-/// Where the sections of a model lie; all follow from the counts.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Layout {
-    pub objects: usize,
-    pub views: usize,
-    pub keypoints: usize,
-    pub cells: usize,
-    pub keys: usize,
-    pub vertices: usize,
-    pub features: usize,
-    pub sketches: usize,
-    pub templates: usize,
-    pub end: usize,
-}
-
-impl Layout {
-    /// `None` when the sum does not fit `usize`.
-    pub(crate) fn new(
-        [objects, views, keypoints, keygraphs, templates, listed]: Counts,
-        tiers: Tiers,
-        feature_bytes: usize,
-    ) -> Option<Self> {
-        let after = |start: usize, n: usize, each: usize| start.checked_add(n.checked_mul(each)?);
-        let o = HEADER;
-        let v = after(o, objects, OBJECT)?;
-        let k = after(v, views, VIEW)?;
-        let c = after(k, keypoints, KEYPOINT)?;
-        let keys = after(after(c, 4 * CELLS, tiers.count(objects))?, 4, 1)?;
-        let vertices = after(keys, keygraphs, KEY)?;
-        let features = after(vertices, keygraphs, VERTICES)?;
-        let sketches = after(features, keygraphs, feature_bytes)?;
-        let t = after(sketches, listed, SKETCH)?;
-        let end = after(t, templates, 1)?;
-        // Lengths and offsets are stored in 32 bits.
-        u32::try_from(end).ok()?;
-        Some(Self {
-            objects: o,
-            views: v,
-            keypoints: k,
-            cells: c,
-            keys,
-            vertices,
-            features,
-            sketches,
-            templates: t,
-            end,
-        })
-    }
-
-    /// Where the parts of a keygraph start, and how many bytes of each it has: the key's
-    /// planes, vertices, feature.
-    pub(crate) const fn parts(&self, feature_bytes: usize) -> [(usize, usize); KEY + 2] {
-        let n = (self.vertices - self.keys) / KEY;
-        let mut parts = [(self.vertices, VERTICES); KEY + 2];
-        let mut i = 0;
-        while i < KEY {
-            parts[i] = (self.keys + n * i, 1);
-            i += 1;
-        }
-        parts[KEY + 1] = (self.features, feature_bytes);
-        parts
-    }
-}
-
-pub(crate) fn u16_at(b: &[u8], i: usize) -> u16 {
-    u16::from_le_bytes([b[i], b[i + 1]])
-}
-
-pub(crate) fn u32_at(b: &[u8], i: usize) -> u32 {
-    let b = &b[i..][..4];
-    u32::from_le_bytes([b[0], b[1], b[2], b[3]])
-}
-
-pub(crate) fn size_at(b: &[u8], i: usize) -> usize {
-    usize::try_from(u32_at(b, i)).unwrap_or(usize::MAX)
-}
-
-pub(crate) fn f32_at(b: &[u8], i: usize) -> f32 {
-    f32::from_bits(u32_at(b, i))
-}
 
 /// One object of a model.
 #[derive(Clone, Copy, Debug)]
@@ -336,14 +137,14 @@ impl<'a> Template<'a> {
     #[allow(clippy::wrong_self_convention, reason = "a map, not a constructor")]
     pub fn from_picture(&self, width: f32, height: f32) -> Homography {
         let (sx, sy) = (self.width as f32 / width, self.height as f32 / height);
-        Homography::affine([sx, 0.0, (sx - 1.0) / 2.0, 0.0, sy, (sy - 1.0) / 2.0])
+        Homography::scaling([sx, sy])
     }
 
     /// Px of level 0 to px of a picture of this size.
     #[must_use]
     pub fn to_picture(&self, width: f32, height: f32) -> Homography {
         let (sx, sy) = (width / self.width as f32, height / self.height as f32);
-        Homography::affine([sx, 0.0, (sx - 1.0) / 2.0, 0.0, sy, (sy - 1.0) / 2.0])
+        Homography::scaling([sx, sy])
     }
 
     /// Luma of level `level`.
@@ -420,37 +221,29 @@ impl<'a> Model<'a> {
         if given < HEADER {
             return Err(ModelError::Truncated { expected: HEADER, given });
         }
-        let found = u16_at(bytes, 4);
-        if found != VERSION {
-            return Err(ModelError::NewerVersion { found });
+        match header::VERSION.get(bytes) {
+            found if found > VERSION => return Err(ModelError::NewerVersion { found }),
+            found if found < VERSION => return Err(ModelError::OlderVersion { found }),
+            _ => {}
         }
-        let expected = size_at(bytes, 8);
+        let expected = header::MODEL_LENGTH.size(bytes);
         if expected > given {
             return Err(ModelError::Truncated { expected, given });
         }
         if expected < given {
             return Err(ModelError::TrailingBytes { expected, given });
         }
-        let (stored, computed) = (u32_at(bytes, 12), crc32(&bytes[CHECKED..]));
+        let (stored, computed) = (header::CHECKSUM.get(bytes), crc32(&bytes[CHECKED..]));
         if stored != computed {
             return Err(ModelError::Checksum { expected: stored, computed });
         }
         let wrong = |section| ModelError::Inconsistent { section };
-        let method = match bytes[16] {
-            0 => Method::Keygraph,
-            1 => Method::Paper,
-            _ => return Err(wrong("method")),
-        };
-        let feature = match bytes[17] {
-            1 => FeatureKind::Chroma,
-            2 => FeatureKind::Luma,
-            3 => FeatureKind::Both,
-            _ => return Err(wrong("feature kind")),
-        };
-        let counts = [20, 24, 28, 32, 36, 40].map(|i| size_at(bytes, i));
-        let tiers = Tiers::from_bits(u16_at(bytes, 18)).ok_or(wrong("tiers"))?;
-        let layout = Layout::new(counts, tiers, method.sampling().bytes(feature)).ok_or(wrong("counts"))?;
-        if usize::from(u16_at(bytes, 6)) != HEADER || layout.end != given {
+        let method = method_of(header::METHOD.get(bytes)).ok_or(wrong("method"))?;
+        let feature = kind_of(header::FEATURE.get(bytes)).ok_or(wrong("feature kind"))?;
+        let tiers = Tiers::from_bits(header::TIERS.get(bytes)).ok_or(wrong("tiers"))?;
+        let counts = Counts::get(bytes);
+        let layout = Layout::new(&counts, tiers, method.sampling().bytes(feature)).ok_or(wrong("counts"))?;
+        if usize::from(header::LENGTH.get(bytes)) != HEADER || layout.end != given {
             return Err(wrong("header"));
         }
         let model = Self { bytes, layout, method, feature, tiers, counts };
@@ -459,7 +252,7 @@ impl<'a> Model<'a> {
 
     /// The first section that contradicts the others.
     fn check(&self) -> Option<&'static str> {
-        let [objects, views, keypoints, keygraphs, templates, listed] = self.counts;
+        let Counts { objects, views, keypoints, keygraphs, templates, listed } = self.counts;
         let limit = usize::from(u16::MAX);
         let end_of_lists = if self.tiers.lists { self.tier(Tier::Longlist).end } else { 0 };
         if objects == 0 || objects > limit || views > limit || listed != end_of_lists {
@@ -469,7 +262,8 @@ impl<'a> Model<'a> {
             let (r, t) = (self.object_record(i), self.template_place(i));
             let name = &r[..NAME_BYTES];
             let sides_fit = [t.1, t.2].iter().all(|s| (8..=TEMPLATE_SIDE).contains(s));
-            let picture_fits = [32, 36].iter().all(|&o| (1..=MAX_PICTURE_SIDE).contains(&u32_at(r, o)));
+            let sides = [object::WIDTH, object::HEIGHT].map(|side| side.get(r));
+            let picture_fits = sides.iter().all(|side| (1..=MAX_PICTURE_SIDE).contains(side));
             if !sides_fit || !picture_fits || core::str::from_utf8(trim(name)).is_err() {
                 return Some("objects");
             }
@@ -486,8 +280,11 @@ impl<'a> Model<'a> {
                 return Some("views");
             }
         }
-        let coordinate_fits = |o: usize| u16_at(self.bytes, self.layout.keypoints + o) <= i16::MAX.unsigned_abs();
-        if !(0..keypoints).all(|i| coordinate_fits(KEYPOINT * i) && coordinate_fits(KEYPOINT * i + 2)) {
+        let is_negative = |i: usize| {
+            let r = self.record(self.layout.keypoints, KEYPOINT, i);
+            keypoint::X.get(r) < 0 || keypoint::Y.get(r) < 0
+        };
+        if (0..keypoints).any(is_negative) {
             return Some("keypoints");
         }
         let (mut start, last) = (0, CELLS * self.tiers.count(objects));
@@ -500,10 +297,11 @@ impl<'a> Model<'a> {
         }
         for i in 0..keygraphs {
             let r = self.vertex_record(i);
-            let view = usize::from(u16_at(r, 0));
+            let view = usize::from(vertices::VIEW.get(r));
             // The rest of a view would take longer to read than all else here.
-            let keypoints = |view| u16_at(self.record(self.layout.views, VIEW, view), 2);
-            if view >= views || r[2..VERTICES].iter().max().is_none_or(|&v| u16::from(v) >= keypoints(view)) {
+            let keypoints = |view| view::KEYPOINTS.get(self.view_record(view));
+            let ids = vertices::IDS.map(|id| id.get(r));
+            if view >= views || ids.iter().any(|&id| u16::from(id) >= keypoints(view)) {
                 return Some("keygraphs");
             }
         }
@@ -522,10 +320,18 @@ impl<'a> Model<'a> {
         self.record(self.layout.vertices, VERTICES, i)
     }
 
+    fn view_record(&self, i: usize) -> &'a [u8] {
+        self.record(self.layout.views, VIEW, i)
+    }
+
     /// Offset, width and height of the template of object `i`.
     fn template_place(&self, i: usize) -> (usize, usize, usize) {
         let r = self.object_record(i);
-        (size_at(r, 40), usize::from(u16_at(r, 44)), usize::from(u16_at(r, 46)))
+        (
+            object::TEMPLATE.size(r),
+            usize::from(object::TEMPLATE_WIDTH.get(r)),
+            usize::from(object::TEMPLATE_HEIGHT.get(r)),
+        )
     }
 
     /// The bytes that the model was parsed from.
@@ -555,29 +361,29 @@ impl<'a> Model<'a> {
     /// How many objects it holds.
     #[must_use]
     pub const fn objects(&self) -> usize {
-        self.counts[0]
+        self.counts.objects
     }
 
     /// How many views it holds.
     #[must_use]
     pub const fn views(&self) -> usize {
-        self.counts[1]
+        self.counts.views
     }
 
     /// How many keypoints it holds, over all objects and views.
     #[must_use]
     pub const fn keypoints(&self) -> usize {
-        self.counts[2]
+        self.counts.keypoints
     }
 
     /// How many keygraphs it holds, those of the lists counted again.
     #[must_use]
     pub const fn keygraphs(&self) -> usize {
-        self.counts[3]
+        self.counts.keygraphs
     }
 
-    pub(crate) const fn counts(&self) -> Counts {
-        self.counts
+    pub(crate) const fn counts(&self) -> &Counts {
+        &self.counts
     }
 
     pub(crate) const fn layout(&self) -> Layout {
@@ -597,10 +403,10 @@ impl<'a> Model<'a> {
         let (a, b) = chroma.split_at(chroma.len() / 2);
         Object {
             name: core::str::from_utf8(trim(&r[..NAME_BYTES])).unwrap_or_default(),
-            width: u32_at(r, 32),
-            height: u32_at(r, 36),
-            triples: u32_at(r, 48),
-            keypoints: u32_at(r, 52),
+            width: object::WIDTH.get(r),
+            height: object::HEIGHT.get(r),
+            triples: object::TRIPLES.get(r),
+            keypoints: object::KEYPOINTS.get(r),
             template: Template { width, height, luma, chroma: [a, b] },
         }
     }
@@ -611,14 +417,14 @@ impl<'a> Model<'a> {
     /// When there is no such view.
     #[must_use]
     pub fn view(&self, i: usize) -> View {
-        let r = self.record(self.layout.views, VIEW, i);
+        let r = self.view_record(i);
         View {
-            object: u16_at(r, 0),
-            keypoints: u16_at(r, 2),
-            first: u32_at(r, 4),
-            to_picture: Homography::affine(core::array::from_fn(|k| f32_at(r, 8 + 4 * k))),
-            centre: [f32_at(r, 32), f32_at(r, 36)],
-            scale: f32_at(r, 40),
+            object: view::OBJECT.get(r),
+            keypoints: view::KEYPOINTS.get(r),
+            first: view::FIRST.get(r),
+            to_picture: Homography::affine(view::TO_PICTURE.map(|number| number.get(r))),
+            centre: view::CENTRE.map(|number| number.get(r)),
+            scale: view::SCALE.get(r),
         }
     }
 
@@ -629,8 +435,7 @@ impl<'a> Model<'a> {
     #[must_use]
     pub fn keypoint(&self, i: usize) -> Point {
         let r = self.record(self.layout.keypoints, KEYPOINT, i);
-        let at = |o| i16::try_from(u16_at(r, o)).unwrap_or(i16::MAX);
-        Point::new(at(0), at(2))
+        Point::new(keypoint::X.get(r), keypoint::Y.get(r))
     }
 
     /// The view of keygraph `i`, and its vertices in canonical order, in view px.
@@ -640,26 +445,26 @@ impl<'a> Model<'a> {
     #[must_use]
     pub fn keygraph(&self, i: usize) -> (usize, [Point; 3]) {
         let r = self.vertex_record(i);
-        let view = usize::from(u16_at(r, 0));
-        let first = size_at(self.record(self.layout.views, VIEW, view), 4);
-        (view, core::array::from_fn(|k| self.keypoint(first + usize::from(r[2 + k]))))
+        let view = usize::from(vertices::VIEW.get(r));
+        let first = view::FIRST.size(self.view_record(view));
+        (view, vertices::IDS.map(|id| self.keypoint(first + usize::from(id.get(r)))))
     }
 
     /// How unlikely a frame's triangulation is to contain keygraph `i`: [`crate::extract::keygraph::cost`].
     pub(crate) fn cost(&self, i: usize) -> u32 {
         let r = self.vertex_record(i);
-        let view = self.record(self.layout.views, VIEW, usize::from(u16_at(r, 0)));
-        let (n, first) = (usize::from(u16_at(view, 2)), size_at(view, 4));
-        let mut ids: [usize; 3] = core::array::from_fn(|k| usize::from(r[2 + k]));
+        let view = self.view_record(usize::from(vertices::VIEW.get(r)));
+        let (n, first) = (usize::from(view::KEYPOINTS.get(view)), view::FIRST.size(view));
+        let mut ids = vertices::IDS.map(|id| usize::from(id.get(r)));
         ids.sort_unstable();
         let (points, _) =
             self.bytes[self.layout.keypoints + KEYPOINT * first..][..KEYPOINT * n].as_chunks::<KEYPOINT>();
-        let at = |p: &[u8; KEYPOINT]| Point::new(i16::from_le_bytes([p[0], p[1]]), i16::from_le_bytes([p[2], p[3]]));
+        let at = |p: &[u8; KEYPOINT]| Point::new(keypoint::X.get(p), keypoint::Y.get(p));
         crate::extract::keygraph::cost(|l| at(&points[l]), n, ids)
     }
 
     fn index_entry(&self, i: usize) -> usize {
-        size_at(self.bytes, self.layout.cells + 4 * i)
+        START.size(self.record(self.layout.index, ENTRY, i))
     }
 
     /// The keygraphs of subset `cell` of a tier as a range of indices.
@@ -723,12 +528,6 @@ impl<'a> Model<'a> {
     }
 }
 
-/// Bytes of a template of this size.
-#[must_use]
-pub const fn template_bytes(width: usize, height: usize) -> usize {
-    plane_bytes(width, height) + 2 * plane_bytes(width / 2, height / 2)
-}
-
 fn trim(name: &[u8]) -> &[u8] {
     let end = name.iter().position(|&b| b == 0).unwrap_or(name.len());
     &name[..end]
@@ -737,11 +536,6 @@ fn trim(name: &[u8]) -> &[u8] {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn crc_of_the_check_string() {
-        assert_eq!(crc32(b"123456789"), 0xcbf4_3926);
-    }
 
     #[test]
     fn bytes_that_are_no_model_are_told_apart() {

@@ -1,0 +1,166 @@
+//! The views that a picture is trained in: at several sizes, and tilted.
+//!
+//! In: a picture, and the views that are wanted. Out: the views worth rendering, and their
+//! pixels. Memory: 64 bytes a view. Cost: a bilinear sample a pixel of luma.
+
+use heapless::VecView;
+
+use crate::base::capacity::LEVELS;
+use crate::base::geometry::Homography;
+use crate::base::math;
+use crate::image::pyramid::PyramidView;
+
+/// Maximum number of views that one model can be made from.
+pub const MAX_VIEWS: usize = 64;
+/// Minimum side of a view, px.
+pub(crate) const MIN_VIEW_SIDE: usize = 24;
+
+/// One view that a picture is rendered in.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct ViewSpec {
+    /// Longer side of the picture in the view, px; never above the picture's own.
+    pub side_px: f32,
+    /// Width that remains across the tilt axis: the cosine of the tilt, 1 from
+    /// the front.
+    pub squeeze: f32,
+    /// Direction that is squeezed, degrees.
+    pub direction_deg: f32,
+    /// Most keypoints taken from it.
+    pub keypoints: u8,
+}
+
+/// One view as it is rendered.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct ViewPlan {
+    pub(crate) width: usize,
+    pub(crate) height: usize,
+    /// View px to px of the loaded picture.
+    pub(crate) to_loaded: Homography,
+    /// View px per px of the loaded picture.
+    pub(crate) scale: f32,
+    /// Maximum number of keypoints taken from it.
+    pub(crate) keypoints: usize,
+}
+
+impl ViewSpec {
+    fn is_valid(&self) -> bool {
+        self.side_px > 0.0 && (0.01..=1.0).contains(&self.squeeze) && self.direction_deg.is_finite()
+    }
+}
+
+/// Whether views can be made as specified.
+pub(crate) fn are_valid(specs: &[ViewSpec]) -> bool {
+    !specs.is_empty() && specs.len() <= MAX_VIEWS && specs.iter().all(ViewSpec::is_valid)
+}
+
+/// Leaves in `plans` the views worth rendering: none larger than the picture, which has `width`
+/// x `height` px, none twice, and only those that fit: `fits` is asked for width and height,
+/// each at most `side`.
+#[inline(never)]
+pub(crate) fn plan_views(
+    specs: &[ViewSpec],
+    (width, height): (usize, usize),
+    side: usize,
+    fits: impl Fn(usize, usize) -> bool,
+    plans: &mut VecView<ViewPlan>,
+) {
+    let (w, h) = (width as f32, height as f32);
+    let side_of = |v: &ViewSpec| v.side_px.min(w.max(h));
+    plans.clear();
+    for (i, v) in specs.iter().enumerate() {
+        let is_same =
+            |o: &ViewSpec| side_of(o) == side_of(v) && o.squeeze == v.squeeze && o.direction_deg == v.direction_deg;
+        if specs[..i].iter().any(is_same) {
+            continue;
+        }
+        let scale = side_of(v) / w.max(h);
+        let (sin, cos) = math::sin_cos(v.direction_deg * (core::f32::consts::PI / 180.0));
+        // R diag(squeeze, 1) R^-1, scaled
+        let k = 1.0 - v.squeeze;
+        let (a, b, d) = (scale * (1.0 - k * cos * cos), -scale * k * sin * cos, scale * (1.0 - k * sin * sin));
+        let size = |v: f32| usize::try_from(math::round(v)).unwrap_or(0).min(side);
+        let (width, height) = (size(a * w + b.abs() * h), size(b.abs() * w + d * h));
+        let middle = |v: f32| (v - 1.0) / 2.0;
+        let to_view = Homography::affine([
+            a,
+            b,
+            middle(width as f32) - a * middle(w) - b * middle(h),
+            b,
+            d,
+            middle(height as f32) - b * middle(w) - d * middle(h),
+        ]);
+        let Some(to_loaded) = to_view.inverse() else { continue };
+        if width.min(height) >= MIN_VIEW_SIDE && fits(width, height) {
+            let (scale, keypoints) = (scale * math::sqrt(v.squeeze), usize::from(v.keypoints));
+            // There is room for as many plans as specifications.
+            let _ = plans.push(ViewPlan { width, height, to_loaded, scale, keypoints });
+        }
+    }
+}
+
+/// The pyramid level to sample for a view of this scale.
+fn level_for(scale: f32) -> usize {
+    let l = math::floor(math::log2(1.0 / scale) + 0.35);
+    usize::try_from(l).unwrap_or(0).min(LEVELS - 1)
+}
+
+/// Renders the picture under an affine map (target px to picture px).
+pub(crate) fn render(
+    picture: &PyramidView<'_>,
+    to: &Homography,
+    scale: f32,
+    width: usize,
+    luma: &mut [u8],
+    chroma: [&mut [i8]; 2],
+) {
+    let height = luma.len() / width;
+    render_luma(picture, to, scale, width, luma);
+    let [a, b] = chroma;
+    let mut i = 0;
+    render_chroma(picture, to, scale, (width / 2, height / 2), |v| {
+        [a[i], b[i]] = v;
+        i += 1;
+    });
+}
+
+/// Pixels that are rendered together.
+const STRIP: usize = 32;
+
+pub(crate) fn render_luma(picture: &PyramidView<'_>, to: &Homography, scale: f32, width: usize, luma: &mut [u8]) {
+    let level = level_for(scale);
+    let plane = picture.luma(level);
+    let s = 1.0 / f32::from(1u8 << level);
+    for (y, row) in luma.chunks_exact_mut(width).enumerate() {
+        for (i, out) in row.chunks_mut(STRIP).enumerate() {
+            let [mut us, mut vs] = [[0.0; STRIP]; 2];
+            for (x, (u, v)) in us.iter_mut().zip(&mut vs).enumerate() {
+                [*u, *v] = to.apply([(STRIP * i + x) as f32, y as f32]).map(|v| (v + 0.5) * s - 0.5);
+            }
+            plane.sample_clamped(&mut us, &mut vs);
+            for (o, v) in out.iter_mut().zip(us) {
+                *o = u8::try_from(math::round(v).clamp(0, 255)).unwrap_or(0);
+            }
+        }
+    }
+}
+
+/// Calls `put` with the chroma of each pixel of a half-size plane, row by row.
+pub(crate) fn render_chroma(
+    picture: &PyramidView<'_>,
+    to: &Homography,
+    scale: f32,
+    (width, height): (usize, usize),
+    mut put: impl FnMut([i8; 2]),
+) {
+    let level = level_for(scale);
+    let planes = picture.chroma(level);
+    let s = 0.5 / f32::from(1u8 << level);
+    for y in 0..height {
+        for x in 0..width {
+            let [u, v] = to.apply([2.0 * x as f32 + 0.5, 2.0 * y as f32 + 0.5]);
+            let (u, v) = (math::floor((u + 0.5) * s), math::floor((v + 0.5) * s));
+            put(planes.map(|p| p.nearest(u, v)));
+        }
+    }
+}
