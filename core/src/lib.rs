@@ -18,19 +18,26 @@
 //!                                    picture ──► train ──► (bytes, read in place)
 //! ```
 //!
-//! A file is a stage, they are declared here in the order in which a frame flows
-//! through them, and a file imports only from files above it. Every stage can be
-//! used alone; [`detect::Detector`] owns the buffers and runs them all, and
-//! [`detect::Finder`] lets other corners and other triples in. [`track::Tracker`] follows
-//! what was found from frame to frame, for a small part of the cost.
+//! # To use
+//!
+//! Five types do the work: a [`Frame`] borrows the bytes of a camera, a [`Model`] borrows the
+//! bytes of a trained model, a [`Detector`] of one of four profiles finds the model's objects in
+//! a frame, a [`Tracker`] follows them from frame to frame for a small part of the cost, and a
+//! [`Trainer`] makes a model of a picture. They stand at the root of the crate, with what they
+//! take and give.
+//!
+//! # The stages
+//!
+//! A stage is a file, and a file imports only from files above it, in the order in which a frame
+//! flows through them. Every stage can be used alone: [`stages`]. The files are grouped in
+//! layers (`base`, `image`, `extract`, `model`, `detect`, `follow`, `space`), each of which
+//! states its rule in its `mod.rs`.
+//!
+//! # Example
 //!
 //! ```
 //! use std::sync::Mutex;
-//! use keygraph_core::detect::{DEFAULT_THRESHOLD, QqvgaDetector};
-//! use keygraph_core::feature::FeatureKind;
-//! use keygraph_core::frame::{Frame, PixelFormat};
-//! use keygraph_core::model::{Method, Model};
-//! use keygraph_core::train::{QqvgaTrainer, TrainParams, ViewSpec};
+//! use keygraph_core::{DEFAULT_THRESHOLD, Frame, Model, PixelFormat, Preset, QqvgaDetector, QqvgaTrainer};
 //!
 //! // All zero: in a static they cost no flash and no stack.
 //! static TRAINER: Mutex<QqvgaTrainer> = Mutex::new(QqvgaTrainer::new());
@@ -46,17 +53,8 @@
 //! let picture: Vec<u8> = (0..160 * 120).map(|i| blocks[i / 160 / 10 * 16 + i % 160 / 10]).collect();
 //! let frame = Frame::new(PixelFormat::Gray8, 160, 120, &picture)?;
 //!
-//! let views = [ViewSpec { side_px: 160.0, squeeze: 1.0, direction_deg: 0.0, keypoints: 60 }];
-//! let params = TrainParams {
-//!     name: "blocks",
-//!     method: Method::Keygraph,
-//!     feature: FeatureKind::Luma,
-//!     views: &views,
-//!     max_keygraphs: 4000,
-//!     max_per_cell: 100,
-//! };
 //! let mut flash = vec![0; 128 << 10];
-//! let trained = TRAINER.lock()?.train(&frame, (160, 120), &params, &mut flash)?;
+//! let trained = TRAINER.lock()?.train(&frame, (160, 120), &Preset::Learnt.params("blocks", true), &mut flash)?;
 //!
 //! let model = Model::parse(&flash[..trained.bytes])?;
 //! let mut detector = DETECTOR.lock()?;
@@ -70,37 +68,109 @@
 //!
 //! | profile | frame | detector with a raw frame |
 //! | --- | --- | --- |
-//! | [`detect::QqvgaDetector`] | 160 x 120 | at most 160 KB |
-//! | [`detect::QvgaDetector`] | 320 x 240 | at most 480 KB |
-//! | [`detect::VgaDetector`] | 640 x 480 | at most 4 MB |
-//! | [`detect::HdDetector`] | 1280 x 720 | at most 12 MB |
+//! | [`QqvgaDetector`] | 160 x 120 | at most 160 KB |
+//! | [`QvgaDetector`] | 320 x 240 | at most 480 KB |
+//! | [`VgaDetector`] | 640 x 480 | at most 4 MB |
+//! | [`HdDetector`] | 1280 x 720 | at most 12 MB |
 //!
 //! A full buffer is never an error: corners keep the strongest, later stages what
 //! came first (best corners and coarse triangles come first), and what was lost is
-//! counted ([`capacity::StageStats`]). Nothing here reads a clock; callers pass
-//! one, or a [`detect::Observer`] that is also shown what each stage makes.
+//! counted ([`StageStats`]). Nothing here reads a clock; callers pass
+//! one, or an [`Observer`] that is also shown what each stage makes.
 #![no_std]
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::cast_possible_truncation, clippy::cast_sign_loss))]
 
 #[cfg(any(test, feature = "dispatch"))]
 extern crate std;
 
-/// The containers that the stages write into.
-pub use heapless;
-
 mod base;
 mod image;
 mod extract;
-pub mod model;
-pub mod detect;
+mod model;
+mod detect;
 mod follow;
 mod space;
 
-pub use base::{capacity, geometry, math, sort};
-pub use detect::{align, classify, detection, digest, finder, observer, overlay, pose, verify, vote};
-pub use extract::{corners, delaunay, feature, keygraph, rank};
-pub use follow::track;
-pub use image::{frame, pyramid, shrink};
-pub use model::pack as write;
-pub use model::{method, train};
-pub use space::camera;
+/// The containers that the stages write into.
+pub use heapless;
+
+// Frames.
+pub use image::frame::{Frame, FrameError, PixelFormat};
+
+// Models, and how they are made.
+pub use extract::feature::FeatureKind;
+pub use model::format::{MAGIC, NAME_BYTES, VERSION};
+pub use model::method::Method;
+pub use model::pack::{PackError, pack, packed_len};
+pub use model::parse::{Model, ModelError, Object, Template, View};
+pub use model::preset::Preset;
+pub use model::train::{QqvgaTrainer, TrainError, TrainParams, Trained, Trainer, VgaTrainer};
+pub use model::views::{MAX_VIEWS, ViewSpec};
+
+// Detection.
+pub use base::capacity::{Buffer, DETECTIONS, Room, Stage, StageStats, chroma_bytes, luma_bytes};
+pub use base::geometry::Homography;
+pub use detect::appearance::Appearance;
+pub use detect::buffers::{Buffers, Hd, Limits, Profile, Qqvga, Qvga, Vga};
+pub use detect::detection::Detection;
+pub use detect::detector::{DEFAULT_THRESHOLD, Detector, HdDetector, QqvgaDetector, QvgaDetector, VgaDetector};
+pub use detect::observer::{Observer, Output, Stats};
+
+// Following, and space.
+pub use follow::track::{LOST_FRAMES, SEARCH_EVERY, State, TRACKS, Track, Tracker};
+pub use space::camera::{CameraError, Intrinsics, PlanePose, Pose, plane_pose};
+
+/// The stages, and what they stand on, each to be used alone: in the order in which a frame
+/// flows through them.
+///
+/// Functions take slices and `heapless` views, and no const generics. What belongs to the
+/// types at the crate's root is not repeated here.
+pub mod stages {
+    pub use crate::base::{math, sort};
+    /// Fixed sizes that several stages share.
+    pub mod capacity {
+        pub use crate::base::capacity::{CANDIDATES, FEATURE_BYTES, LEVELS, TEMPLATE_SIDE, pixels_of};
+    }
+    /// Points in 1/16 px, exact predicates, outlines.
+    pub mod geometry {
+        pub use crate::base::geometry::{Point, area, contains, in_circle, is_convex, orient};
+    }
+
+    /// Limits of frames, and chroma that is none.
+    pub mod frame {
+        pub use crate::image::frame::{DARK, MAX_SIDE, MIN_SIDE, NO_CHROMA};
+    }
+    pub use crate::image::{pyramid, shrink};
+
+    pub use crate::extract::{corners, delaunay, keygraph, rank};
+    /// What a keygraph looks like, in up to 36 bytes that neither light nor pose change.
+    pub mod feature {
+        pub use crate::extract::feature::{Feature, SAMPLES, SEGMENTS, Sampling, ZERO, extract, signature, sketch};
+    }
+
+    /// The thresholds of a method.
+    pub mod method {
+        pub use crate::model::method::{Bar, Lists, MatchRule, Parameters, Share, VoteRule};
+    }
+    /// What a model is made of.
+    pub mod model {
+        pub use crate::model::format::{MAX_PICTURE_SIDE, SKETCH, Tier, crc32, template_bytes};
+        pub use crate::model::parse::Keys;
+        pub use crate::model::train::MAX_VIEW_KEYPOINTS;
+    }
+
+    pub use crate::detect::{align, classify, digest, hough, plan, pose, verify, vote};
+    /// Does the frame look like the object where the pose says it is?
+    pub mod appearance {
+        pub use crate::detect::appearance::{appearance, is_plausible};
+    }
+    /// Keypoints and triples from elsewhere.
+    pub mod finder {
+        pub use crate::detect::finder::Finder;
+    }
+
+    /// When a followed instance is believed.
+    pub mod track {
+        pub use crate::follow::track::{FADE, STAY, SURE};
+    }
+}

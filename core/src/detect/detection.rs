@@ -7,7 +7,7 @@ use heapless::Vec;
 
 use crate::base::capacity::DETECTIONS;
 use crate::base::geometry::{Homography, contains};
-use crate::detect::align::{Appearance, is_plausible};
+use crate::detect::appearance::{Appearance, is_plausible};
 use crate::model::parse::Model;
 
 /// Minimum area of an outline, px.

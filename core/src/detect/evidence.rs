@@ -12,7 +12,7 @@ use heapless::VecView;
 use crate::base::capacity::{DETECTIONS, LEVELS};
 use crate::base::geometry::{Homography, area, contains};
 use crate::base::math;
-use crate::detect::align::Appearance;
+use crate::detect::appearance::Appearance;
 use crate::detect::detection::{Detection, Detections};
 use crate::detect::pose::{AGREEMENT, CORNER_NOISE_PX, MAX_CORNERS};
 use crate::detect::scene::{Scene, span, vertices};
@@ -80,7 +80,7 @@ fn score(a: &Appearance, evidence: &Evidence) -> f32 {
 
 /// Counts what speaks for a detection, and scores it.
 #[inline(never)]
-pub(crate) fn weigh(scene: &Scene<'_>, votes: &Votes<VecView<Vote>>, model: &Model<'_>, mut d: Detection) -> Detection {
+pub(crate) fn weigh(scene: &Scene<'_>, votes: &Votes<VecView<Vote>>, model: &Model<'_>, d: &mut Detection) {
     let mut inside = [0u32; MAX_CORNERS / 32];
     for level in 0..LEVELS {
         for i in span(scene.spans, level) {
@@ -89,7 +89,7 @@ pub(crate) fn weigh(scene: &Scene<'_>, votes: &Votes<VecView<Vote>>, model: &Mod
         }
     }
     let within = |k: &Keygraph| k.vertices.iter().all(|&v| inside[usize::from(v) / 32] >> (v % 32) & 1 == 1);
-    let agrees = Agreement::new(&d);
+    let agrees = Agreement::new(d);
     let mut evidence = Evidence::default();
     for v in votes.all().iter().filter(|v| v.object == d.object) {
         let k = &scene.keygraphs[usize::from(v.frame_keygraph)];
@@ -102,14 +102,13 @@ pub(crate) fn weigh(scene: &Scene<'_>, votes: &Votes<VecView<Vote>>, model: &Mod
     // They fit: there are fewer keygraphs than 65,536.
     evidence.keygraphs = u16::try_from(scene.keygraphs.iter().filter(|k| within(k)).count()).unwrap_or(u16::MAX);
     d.score = score(&d.appearance, &evidence);
-    d
 }
 
 /// Puts a detection among the others, best score first, if it is likely enough, plausible, and
 /// the best at its place; those that it beats there go. Returns whether one was lost for lack
 /// of room.
 #[inline(never)]
-pub(crate) fn accept(detections: &mut Detections, d: Detection, threshold: f32) -> bool {
+pub(crate) fn accept(detections: &mut Detections, d: &Detection, threshold: f32) -> bool {
     let beaten = detections.iter().any(|t| d.is_twin(t) && t.score >= d.score);
     if d.score < threshold || !d.is_plausible() || beaten {
         return false;
@@ -117,7 +116,7 @@ pub(crate) fn accept(detections: &mut Detections, d: Detection, threshold: f32) 
     detections.retain(|t| !d.is_twin(t));
     let worse = |t: &Detection| t.score.total_cmp(&d.score).is_lt();
     let place = detections.iter().position(worse).unwrap_or(detections.len());
-    detections.insert(place, d).is_err()
+    detections.insert(place, *d).is_err()
 }
 
 /// Makes the votes that agree with a detection its supporters. Other votes for an object that
@@ -169,15 +168,15 @@ mod tests {
         let found = &mut Detections::new();
         let told = |found: &Detections| found.iter().map(|d| (d.object, d.score)).collect::<std::vec::Vec<_>>();
         for d in [at(0, 0.0, 0.9), at(0, 5.0, 0.85), at(1, 5.0, 0.95), at(0, 200.0, 0.7), at(0, 300.0, 0.99)] {
-            assert!(!accept(found, d, 0.8));
+            assert!(!accept(found, &d, 0.8));
         }
         assert_eq!(told(found), [(0, 0.99), (1, 0.95), (0, 0.9)], "a worse twin and one below the threshold are out");
-        assert!(!accept(found, at(0, 5.0, 0.97), 0.8), "it takes the place of its twin");
+        assert!(!accept(found, &at(0, 5.0, 0.97), 0.8), "it takes the place of its twin");
         assert_eq!(told(found), [(0, 0.99), (0, 0.97), (1, 0.95)]);
         for i in 0..29 {
-            assert!(!accept(found, at(2, 400.0 + 60.0 * i as f32, 0.9), 0.8));
+            assert!(!accept(found, &at(2, 400.0 + 60.0 * i as f32, 0.9), 0.8));
         }
-        assert!(accept(found, at(3, 400.0, 0.9), 0.8), "one too many");
+        assert!(accept(found, &at(3, 400.0, 0.9), 0.8), "one too many");
         assert_eq!(found.len(), DETECTIONS);
     }
 }

@@ -1,11 +1,15 @@
 //! A template laid over the frame: sums over its blocks.
 //!
-//! In: a level of a template, one of the frame, and the map from the one to the other. Out: sums
-//! over blocks of the template, of its pixels and of what the frame shows there. They are kept for
-//! every fourth column apart, and added up in one order: with vectors and without, they are the
-//! same.
+//! In: a level of a template, a level of the frame, and the map from the first to the second.
+//! Out: for blocks of the template, the moments of a correlation of its pixels with what the
+//! frame shows there, and the error sums of an alignment step.
 //!
-//! Memory: some 1 KB of stack, 4 where there are vectors. Cost: one bilinear sample for each pixel.
+//! Sums are kept apart for every fourth column and added up in one order. So columns can be
+//! summed four at a time, where the target has vectors, or one by one: the sums are the same.
+//! `N` is the number of columns at a time, `R` the room that a row of numbers takes.
+//!
+//! Memory: some 2 KB of stack, 4 KB where there are vectors. Cost: one bilinear sample for each
+//! pixel.
 
 use core::ops::Range;
 
@@ -18,58 +22,57 @@ use crate::image::pyramid::Plane;
 pub(crate) const BLOCKS: usize = 6;
 
 /// Columns whose sums are kept apart, so that they can be added up side by side.
-pub(crate) const LANES: usize = 4;
+const LANES: usize = 4;
 
-/// Those that are: the others follow one by one, which gives the same sums.
-pub(crate) const AT_ONCE: usize = if VECTORS { LANES } else { 1 };
+/// Columns that this target sums at a time, and the room of its rows: whole groups fit from any
+/// pixel on. One by one, pixels are sampled when they are wanted, and rows need no room.
+const AT_ONCE: usize = if VECTORS { LANES } else { 1 };
+const ROOM: usize = if VECTORS { TEMPLATE_SIDE + LANES } else { 0 };
 
-/// Numbers of the columns that are added up at once.
-pub(crate) type Numbers = [f32; AT_ONCE];
+/// Numbers of the columns that are summed at a time.
+type Numbers<const N: usize> = [f32; N];
 
-/// Some sums, of every fourth column each.
-pub(crate) type Sums<const K: usize> = [[f32; LANES]; K];
+/// `K` sums, each apart for every fourth column.
+type Sums<const K: usize> = [[f32; LANES]; K];
 
-/// Adds what some columns give, the first of which is the `lane`th of four.
+/// Adds the values of some columns, the first of which is the `lane`th of four.
 #[inline(always)]
-pub(crate) fn add<const K: usize>(sums: &mut Sums<K>, lane: usize, values: [Numbers; K]) {
-    let first = if VECTORS { 0 } else { lane % LANES };
+fn add<const K: usize, const N: usize>(sums: &mut Sums<K>, lane: usize, values: [Numbers<N>; K]) {
+    let first = if N == LANES { 0 } else { lane % LANES };
     for (sum, v) in sums.iter_mut().zip(values) {
-        for i in 0..AT_ONCE {
+        for i in 0..N {
             sum[first + i] += v[i];
         }
     }
 }
 
-/// Over all columns.
-pub(crate) fn total<const K: usize>(sums: &Sums<K>) -> [f32; K] {
+/// The sums over all columns.
+fn total<const K: usize>(sums: &Sums<K>) -> [f32; K] {
     const { assert!(LANES == 4) };
     sums.map(|v| (v[0] + v[1]) + (v[2] + v[3]))
 }
 
-/// Sums of a correlation: pixels; of the template, of the frame; of the squares of either, and
-/// of their products.
-pub(crate) type Pairs = Sums<6>;
+#[inline(always)]
+fn times<const N: usize>(a: &Numbers<N>, b: &Numbers<N>) -> Numbers<N> {
+    core::array::from_fn(|i| a[i] * b[i])
+}
+
+/// Sums of a correlation: the number of pixels; the pixels of the template and of the frame;
+/// their squares; their products.
+type Pairs = Sums<6>;
+
+/// The sums of a row of blocks.
+type RowOfPairs = [Pairs; BLOCKS];
 
 /// Adds pixels of the template and of the frame, where `seen` is 1 and not 0.
 #[inline(always)]
-pub(crate) fn add_pairs(sums: &mut Pairs, lane: usize, t: &Numbers, f: &Numbers, seen: &Numbers) {
+fn add_pairs<const N: usize>(sums: &mut Pairs, lane: usize, [t, f]: [&Numbers<N>; 2], seen: &Numbers<N>) {
     let (t, f) = (times(t, seen), times(f, seen));
     add(sums, lane, [*seen, t, f, times(&t, &t), times(&f, &f), times(&t, &f)]);
 }
 
-#[inline(always)]
-pub(crate) fn times(a: &Numbers, b: &Numbers) -> Numbers {
-    core::array::from_fn(|i| a[i] * b[i])
-}
-
-/// Every how many rows of a level of a template are correlated: where there are many, half of
-/// them tell as much.
-pub(crate) fn every(luma: &Plane<'_, u8>) -> usize {
-    if luma.width().max(luma.height()) > TEMPLATE_SIDE / 2 { 2 } else { 1 }
-}
-
 /// What a correlation is made of.
-#[derive(Clone, Copy, Default)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Moments {
     /// Pixels.
     pub(crate) n: f32,
@@ -82,12 +85,111 @@ pub(crate) struct Moments {
 }
 
 impl Moments {
-    pub(crate) fn new(sums: &Pairs) -> Self {
+    fn new(sums: &Pairs) -> Self {
         let [n, t, f, tt, ff, tf] = total(sums);
         let k = 1.0 / n.max(1.0);
         let mean = [t * k, f * k];
         Self { n, mean, t: tt * k - mean[0] * mean[0], f: ff * k - mean[1] * mean[1], tf: tf * k - mean[0] * mean[1] }
     }
+}
+
+/// How a block is lit in template and frame, and how much it counts.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Shade {
+    scale_t: f32,
+    scale_f: f32,
+    /// The difference of the two means, each at its scale.
+    offset: f32,
+    weight: f32,
+    /// Minimum steps of a pixel that counts, gray levels.
+    flat: f32,
+}
+
+/// The light of all blocks of a template.
+pub(crate) type Light = [Shade; BLOCKS * BLOCKS];
+
+/// The light before a frame has been looked at.
+pub(crate) const NO_LIGHT: Light =
+    [Shade { scale_t: 0.0, scale_f: 0.0, offset: 0.0, weight: 0.0, flat: 0.0 }; BLOCKS * BLOCKS];
+
+/// Pixels whose steps, along and across, together are less than this many spreads of their block
+/// are left out, unless the steps are [`STEEP`] gray levels: of what is flat, noise is most.
+const FLAT: f32 = 0.8;
+const STEEP: f32 = 16.0;
+
+/// Blocks that count less are left out.
+const LEAST_WEIGHT: f32 = 0.05;
+
+impl Shade {
+    pub(crate) fn new(m: &Moments) -> Self {
+        let usable = m.t > 4.0 && m.f > 1.0;
+        let correlation = if usable { m.tf / math::coarse_sqrt(m.t * m.f) } else { 0.0 };
+        let [scale_t, scale_f] = [m.t, m.f].map(|v| 1.0 / math::coarse_sqrt(v.max(1.0)));
+        let offset = m.mean[0] * scale_t - m.mean[1] * scale_f;
+        Self { scale_t, scale_f, offset, weight: agreement(correlation), flat: (FLAT / scale_t).min(STEEP) }
+    }
+
+    /// The light of a row of blocks.
+    #[inline(never)]
+    fn renew(light: &mut [Self], pairs: &RowOfPairs) {
+        for (shade, pairs) in light.iter_mut().zip(pairs) {
+            *shade = Self::new(&Moments::new(pairs));
+        }
+    }
+}
+
+/// How much a block of this correlation speaks for a pose, 0 to 1: what chance
+/// gives counts nothing, and a hidden block does not pull.
+pub(crate) fn agreement(correlation: f32) -> f32 {
+    let a = ((correlation - 0.2) / 0.8).max(0.0);
+    a * a
+}
+
+/// What is known of the light when errors are summed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Lit {
+    /// Nothing: each row of blocks is looked at twice, first for its light.
+    Unknown,
+    /// The light of the step before, which stays.
+    Known,
+    /// The light of the step before, which is brought up to date for the next.
+    Renewed,
+}
+
+/// Weighted sums over a block: of the products of the steps, `x x`, `x y`, `y y`, and of each
+/// step with the error. The error is what the frame shows less what it should show.
+type Errors = Sums<5>;
+
+/// Adds pixels beside each other.
+#[inline(always)]
+fn add_errors<const N: usize>(
+    sums: &mut Errors,
+    lane: usize,
+    shade: &Shade,
+    [gx, gy]: [&Numbers<N>; 2],
+    [t, f]: [&Numbers<N>; 2],
+    seen: &Numbers<N>,
+) {
+    let e: Numbers<N> = core::array::from_fn(|i| f[i] * shade.scale_f - t[i] * shade.scale_t + shade.offset);
+    let weight = core::array::from_fn(|i| seen[i] * (shade.weight / (1.0 + e[i] * e[i])));
+    let (wx, wy) = (times(&weight, gx), times(&weight, gy));
+    add(sums, lane, [times(&wx, gx), times(&wx, gy), times(&wy, gy), times(&wx, &e), times(&wy, &e)]);
+}
+
+/// The error sums of half a block each way.
+pub(crate) struct Cell {
+    /// The sums of the products and errors of steps, as in [`Errors`].
+    pub(crate) sums: [f32; 5],
+    /// What the steps are to be multiplied by for the light of the template.
+    pub(crate) scale: f32,
+    /// Where its middle lies, px of the level of the template.
+    pub(crate) middle: [f32; 2],
+}
+
+/// The step between the rows of a level of a template that are correlated: where there are
+/// many, half of them tell as much.
+pub(crate) fn every(luma: &Plane<'_, u8>) -> usize {
+    if luma.width().max(luma.height()) > TEMPLATE_SIDE / 2 { 2 } else { 1 }
 }
 
 /// The columns of each of `blocks` blocks of a row of `width`, or the rows of a height: those
@@ -97,17 +199,27 @@ pub(crate) fn block_ranges(width: usize, blocks: usize, margin: usize) -> impl I
     (0..blocks).map(move |b| start(b)..start(b + 1).min(width.saturating_sub(margin)))
 }
 
-/// The columns of each, which are asked for in every row.
-pub(crate) fn block_columns(width: usize, blocks: usize, margin: usize) -> [Range<usize>; BLOCKS] {
-    let mut ranges = block_ranges(width, blocks, margin);
+/// The first of some ranges, as many as there is room for; empty ones follow.
+fn ranges<const K: usize>(mut ranges: impl Iterator<Item = Range<usize>>) -> [Range<usize>; K] {
     core::array::from_fn(|_| ranges.next().unwrap_or_default())
 }
 
-/// What the frame shows where a row of the template lies, no number where it shows nothing;
-/// with room for whole groups from any pixel on. Where there are no vectors pixels are sampled
-/// when they are wanted.
-pub(crate) type Row = [f32; if VECTORS { TEMPLATE_SIDE + LANES } else { 0 }];
-pub(crate) const NOTHING: Row = [f32::NAN; if VECTORS { TEMPLATE_SIDE + LANES } else { 0 }];
+/// The first and the second half of some pixels.
+fn halves(range: &Range<usize>) -> [Range<usize>; 2] {
+    let middle = (range.start + range.end).div_ceil(2);
+    [range.start..middle, middle..range.end]
+}
+
+/// Where the middle of some pixels lies.
+fn middle(range: &Range<usize>) -> f32 {
+    number(range.start + range.end - 1) / 2.0
+}
+
+/// A coordinate of a template as a number.
+#[allow(clippy::cast_possible_truncation, clippy::cast_possible_wrap, reason = "templates are far smaller")]
+pub(crate) fn number(v: usize) -> f32 {
+    v as i32 as f32
+}
 
 /// A level of the template, and the level of the frame that it lies on.
 pub(crate) struct Overlay<'a> {
@@ -118,52 +230,192 @@ pub(crate) struct Overlay<'a> {
 }
 
 impl<'a> Overlay<'a> {
-    /// What the frame shows where the pixels of row `y` lie: into `out`, if they are sampled at once.
+    /// Where the pixels of row `y` lie in the frame. What the frame shows there goes into `out`,
+    /// if the row is sampled at once.
     #[inline(always)]
-    pub(crate) fn row(&self, y: usize, out: &mut Row) -> Track<'a> {
+    fn row<const R: usize>(&self, y: usize, out: &mut [f32; R]) -> Scanline<'a> {
         let (h, v) = (self.map.0, number(y));
         let [a, b, c] = [0, 3, 6].map(|i| h[i + 1] * v + h[i + 2]);
-        let track = Track { plane: self.plane, from: [a, b, c], step: [h[0], h[3], h[6]] };
-        if VECTORS {
-            track.sample(&mut out[..self.luma.width().min(TEMPLATE_SIDE)]);
+        let line = Scanline { plane: self.plane, from: [a, b, c], step: [h[0], h[3], h[6]] };
+        if R > 0 {
+            line.sample(&mut out[..self.luma.width().min(TEMPLATE_SIDE)]);
         }
-        track
+        line
     }
 
-    /// Correlates each of the blocks that have these rows and columns.
+    /// Correlates a row of blocks, which has the rows `ys`: of so many blocks each way.
+    pub(crate) fn correlate(&self, ys: Range<usize>) -> [Moments; BLOCKS] {
+        let mut pairs = RowOfPairs::default();
+        let columns: [_; BLOCKS] = ranges(block_ranges(self.luma.width(), BLOCKS, 0));
+        self.add_row::<AT_ONCE, ROOM>(ys, &columns, &mut pairs);
+        pairs.each_ref().map(Moments::new)
+    }
+
+    /// Adds the pixels of the rows `ys` to the blocks that have these columns.
     #[inline(never)]
-    pub(crate) fn correlate(&self, ys: Range<usize>, columns: &[Range<usize>]) -> [Pairs; BLOCKS] {
-        let mut pairs: [Pairs; BLOCKS] = Default::default();
-        let (mut numbers, mut frame) = (NO_NUMBERS, NOTHING);
+    fn add_row<const N: usize, const R: usize>(
+        &self,
+        ys: Range<usize>,
+        columns: &[Range<usize>],
+        pairs: &mut RowOfPairs,
+    ) {
+        let (mut numbers, mut frame) = ([0.0; R], [f32::NAN; R]);
         for y in ys.step_by(every(&self.luma)) {
             let row = self.luma.row(y);
-            let track = self.row(y, &mut frame);
-            row_of_numbers(row, &mut numbers);
+            let line = self.row(y, &mut frame);
+            to_numbers(row, &mut numbers);
             for (pairs, xs) in pairs.iter_mut().zip(columns) {
                 let mut sums = *pairs;
                 let end = xs.end.min(row.len());
-                for x in (xs.start..end).step_by(AT_ONCE) {
-                    let Some((f, seen)) = track.group(&frame, x, end - x) else { continue };
+                for x in (xs.start..end).step_by(N) {
+                    let Some((f, seen)) = line.group::<N, R>(&frame, x, end - x) else { continue };
                     // Of whole gray levels sums are exact, in whatever order.
                     let f = f.map(|v| math::whole(v) as f32);
-                    add_pairs(&mut sums, 0, &pixels(row, &numbers, x), &f, &seen);
+                    add_pairs(&mut sums, 0, [&pixels(row, &numbers, x), &f], &seen);
                 }
                 *pairs = sums;
             }
         }
-        pairs
+    }
+
+    /// Sums the errors of each inner pixel that lies in the frame, over the halves of `blocks`
+    /// blocks each way, and calls `put` with each. With `steep`, flat pixels are left out.
+    #[inline(always)]
+    pub(crate) fn sum_errors(&self, blocks: usize, light: &mut Light, lit: Lit, steep: bool, put: impl FnMut(&Cell)) {
+        self.sum_errors_by::<AT_ONCE, ROOM>(blocks, light, lit, steep, put);
+    }
+
+    #[inline(never)]
+    fn sum_errors_by<const N: usize, const R: usize>(
+        &self,
+        blocks: usize,
+        light: &mut Light,
+        lit: Lit,
+        steep: bool,
+        mut put: impl FnMut(&Cell),
+    ) {
+        let (w, h) = (self.luma.width(), self.luma.height());
+        let mut rows = Rows::<R>::EMPTY;
+        let whole: [_; BLOCKS] = ranges(block_ranges(w, blocks, 1));
+        let whole = &whole[..blocks];
+        let columns: [_; 2 * BLOCKS] = ranges(whole.iter().flat_map(halves));
+        let columns = &columns[..2 * blocks];
+        for (ys, light) in block_ranges(h, blocks, 1).zip(light.chunks_exact_mut(blocks)) {
+            let mut pairs = RowOfPairs::default();
+            if lit == Lit::Unknown {
+                self.add_row::<N, R>(ys.clone(), whole, &mut pairs);
+                Shade::renew(light, &pairs);
+                pairs = RowOfPairs::default();
+            }
+            for ys in halves(&ys) {
+                let mut errors = [Errors::default(); 2 * BLOCKS];
+                for y in ys.clone() {
+                    let row = rows.load(self, y);
+                    for (cell, (errors, xs)) in errors.iter_mut().zip(columns).enumerate() {
+                        let (shade, pairs) = (&light[cell / 2], &mut pairs[cell / 2]);
+                        if shade.weight < LEAST_WEIGHT {
+                            continue;
+                        }
+                        let flat = if steep { shade.flat } else { 0.0 };
+                        let pairs = (lit == Lit::Renewed).then_some(pairs);
+                        row.add_cell::<N>(xs, shade, flat, errors, pairs);
+                    }
+                }
+                for (cell, (errors, xs)) in errors.iter().zip(columns).enumerate() {
+                    let (sums, scale) = (total(errors), light[cell / 2].scale_t);
+                    put(&Cell { sums, scale, middle: [middle(xs), middle(&ys)] });
+                }
+            }
+            if lit == Lit::Renewed {
+                Shade::renew(light, &pairs);
+            }
+        }
+    }
+}
+
+/// Room for a row of the template and what belongs to it, as numbers; none where pixels are
+/// looked at one by one.
+struct Rows<const R: usize> {
+    /// Pixels of the template.
+    numbers: [f32; R],
+    /// Steps of the template along the row and across it.
+    across: [f32; R],
+    down: [f32; R],
+    /// What the frame shows, no number where it shows nothing.
+    frame: [f32; R],
+}
+
+/// A row of the template, its neighbours, and where it lies in the frame.
+struct Row<'a, const R: usize> {
+    rows: &'a Rows<R>,
+    pixels: &'a [u8],
+    /// The pixels left of and right of those that have both.
+    beside: [&'a [u8]; 2],
+    /// The pixels above and below those.
+    upright: [&'a [u8]; 2],
+    line: Scanline<'a>,
+}
+
+impl<const R: usize> Rows<R> {
+    const EMPTY: Self = Self { numbers: [0.0; R], across: [0.0; R], down: [0.0; R], frame: [f32::NAN; R] };
+
+    /// Row `y`, which has neighbours above and below.
+    #[inline(always)]
+    fn load<'a>(&'a mut self, overlay: &Overlay<'a>, y: usize) -> Row<'a, R> {
+        let [above, row, below] = [y - 1, y, y + 1].map(|y| overlay.luma.row(y));
+        to_numbers(row, &mut self.numbers);
+        // As many of each as have neighbours.
+        let (w, n) = (row.len(), row.len().saturating_sub(2));
+        let beside = [&row[..n], &row[w - n..]];
+        let upright = [above, below].map(|row| &row[(w - n) / 2..][..n]);
+        to_steps(beside, &mut self.across);
+        to_steps(upright, &mut self.down);
+        let line = overlay.row(y, &mut self.frame);
+        Row { rows: self, pixels: row, beside, upright, line }
+    }
+}
+
+impl<const R: usize> Row<'_, R> {
+    /// Adds the pixels of the columns `xs` to the errors and, for its light, to the pairs of
+    /// their block; but for those whose steps together are below `flat`.
+    #[inline(always)]
+    fn add_cell<const N: usize>(
+        &self,
+        xs: &Range<usize>,
+        shade: &Shade,
+        flat: f32,
+        errors: &mut Errors,
+        mut pairs: Option<&mut Pairs>,
+    ) {
+        let Rows { numbers, across, down, frame } = self.rows;
+        for x in xs.clone().step_by(N) {
+            let (gx, gy) = (steps(self.beside, across, x), steps(self.upright, down, x));
+            let strong: [bool; N] = core::array::from_fn(|i| gx[i].abs() + gy[i].abs() >= flat);
+            if N == 1 && !strong[0] {
+                continue;
+            }
+            let Some((f, mut seen)) = self.line.group::<N, R>(frame, x, xs.end - x) else { continue };
+            if N > 1 {
+                seen = core::array::from_fn(|i| if strong[i] { seen[i] } else { 0.0 });
+            }
+            let t = pixels(self.pixels, numbers, x);
+            if let Some(pairs) = &mut pairs {
+                add_pairs(pairs, x - xs.start, [&t, &f], &seen);
+            }
+            add_errors(errors, x - xs.start, shade, [&gx, &gy], [&t, &f], &seen);
+        }
     }
 }
 
 /// Where the pixels of a row of the template lie in a plane: numerators and denominator of their
 /// places at the first, and how they change from one to the next.
-pub(crate) struct Track<'a> {
+struct Scanline<'a> {
     plane: Plane<'a, u8>,
     from: [f32; 3],
     step: [f32; 3],
 }
 
-impl Track<'_> {
+impl Scanline<'_> {
     #[inline(always)]
     fn place(&self, x: usize) -> [f32; 2] {
         let [a, b, c] = core::array::from_fn(|i| self.step[i] * number(x) + self.from[i]);
@@ -171,7 +423,7 @@ impl Track<'_> {
         [a * reciprocal, b * reciprocal]
     }
 
-    /// Samples the first of them.
+    /// Samples the first pixels of the row.
     #[inline(never)]
     fn sample(&self, out: &mut [f32]) {
         let n = out.len().min(TEMPLATE_SIDE);
@@ -185,12 +437,17 @@ impl Track<'_> {
     /// What the frame shows from pixel `x` on, of at most `n` of them, and 1 for each where it
     /// shows something, or 0; `None` where it shows nothing.
     #[inline(always)]
-    pub(crate) fn group(&self, row: &Row, x: usize, n: usize) -> Option<(Numbers, Numbers)> {
-        if !VECTORS {
+    fn group<const N: usize, const R: usize>(
+        &self,
+        row: &[f32; R],
+        x: usize,
+        n: usize,
+    ) -> Option<(Numbers<N>, Numbers<N>)> {
+        if N == 1 {
             let [u, v] = self.place(x);
-            return self.plane.sample_one(u, v).map(|value| ([value; AT_ONCE], [1.0; AT_ONCE]));
+            return self.plane.sample_one(u, v).map(|value| ([value; N], [1.0; N]));
         }
-        let values: Numbers = core::array::from_fn(|i| row[x + i]);
+        let values: Numbers<N> = core::array::from_fn(|i| row[x + i]);
         // Numbers, since they are compared side by side.
         let n = number(n);
         let there = |i: usize| (values[i] >= 0.0) & (number(i) < n);
@@ -199,22 +456,18 @@ impl Track<'_> {
     }
 }
 
-/// A row of the template as numbers, with room for whole groups from any pixel on, where they
-/// are worth the stack.
-pub(crate) type RowOfNumbers = [f32; if VECTORS { TEMPLATE_SIDE + LANES } else { 0 }];
-pub(crate) const NO_NUMBERS: RowOfNumbers = [0.0; if VECTORS { TEMPLATE_SIDE + LANES } else { 0 }];
-
-/// Makes them, where they are.
+/// Makes numbers of a row of the template, where there is room.
 #[inline]
-pub(crate) fn row_of_numbers(row: &[u8], out: &mut RowOfNumbers) {
+fn to_numbers(row: &[u8], out: &mut [f32]) {
     for (out, &v) in out.iter_mut().zip(row) {
         *out = f32::from(v);
     }
 }
 
-/// Steps from what lies before the pixels of a row, but for the first, to what lies after them.
+/// The steps from what lies before the pixels of a row, but for the first, to what lies after
+/// them, where there is room.
 #[inline]
-pub(crate) fn row_of_steps([before, after]: [&[u8]; 2], out: &mut RowOfNumbers) {
+fn to_steps([before, after]: [&[u8]; 2], out: &mut [f32]) {
     for ((out, &a), &b) in out.iter_mut().skip(1).zip(after).zip(before) {
         *out = step(b, a);
     }
@@ -224,21 +477,123 @@ fn step(before: u8, after: u8) -> f32 {
     f32::from(i16::from(after) - i16::from(before))
 }
 
-/// Those of the pixels from `first` on.
+/// The steps at the pixels from `first` on.
 #[inline]
-pub(crate) fn steps([before, after]: [&[u8]; 2], numbers: &RowOfNumbers, first: usize) -> Numbers {
+fn steps<const N: usize>([before, after]: [&[u8]; 2], numbers: &[f32], first: usize) -> Numbers<N> {
     let one = |i: usize| step(before[first - 1 + i], after[first - 1 + i]);
-    core::array::from_fn(|i| if VECTORS { numbers[first + i] } else { one(i) })
+    core::array::from_fn(|i| if N > 1 { numbers[first + i] } else { one(i) })
 }
 
-/// Pixels of a row from `first` on.
+/// The pixels of a row from `first` on.
 #[inline]
-pub(crate) fn pixels(row: &[u8], numbers: &RowOfNumbers, first: usize) -> Numbers {
-    core::array::from_fn(|i| if VECTORS { numbers[first + i] } else { f32::from(row[first + i]) })
+fn pixels<const N: usize>(row: &[u8], numbers: &[f32], first: usize) -> Numbers<N> {
+    core::array::from_fn(|i| if N > 1 { numbers[first + i] } else { f32::from(row[first + i]) })
 }
 
-/// A coordinate of a template as a number.
-#[allow(clippy::cast_possible_truncation, clippy::cast_possible_wrap, reason = "templates are far smaller")]
-pub(crate) fn number(v: usize) -> f32 {
-    v as i32 as f32
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::vec::Vec;
+
+    const WIDTH: usize = 61;
+    const HEIGHT: usize = 48;
+
+    /// A texture with edges and flat parts.
+    fn texture(x: usize, y: usize, seed: usize) -> u8 {
+        let noise = ((x / 3 * 31 + y / 4 * 57 + seed) as u32).wrapping_mul(2_654_435_761) >> 24;
+        if (x / 9 + y / 7).is_multiple_of(3) { 120 } else { noise as u8 }
+    }
+
+    fn plane(width: usize, height: usize, seed: usize) -> Vec<u8> {
+        (0..width * height).map(|i| texture(i % width, i / width, seed)).collect()
+    }
+
+    /// A map that lets part of the template fall outside of the frame.
+    const MAP: Homography = Homography([1.1, 0.2, -4.0, -0.15, 1.2, 6.0, 4e-4, -3e-4, 1.0]);
+
+    fn each(test: impl Fn(&Overlay<'_>)) {
+        let (template, frame) = (plane(WIDTH, HEIGHT, 3), plane(80, 60, 7));
+        let luma = Plane::new(&template, WIDTH, HEIGHT).unwrap();
+        let plane = Plane::new(&frame, 80, 60).unwrap();
+        for map in [MAP, Homography::IDENTITY] {
+            test(&Overlay { luma, plane, map });
+        }
+    }
+
+    /// The moments of a block, from their definition.
+    fn naive_moments(overlay: &Overlay<'_>, ys: Range<usize>, xs: &Range<usize>) -> [f64; 3] {
+        let mut pairs = Vec::new();
+        for y in ys.step_by(every(&overlay.luma)) {
+            for x in xs.clone() {
+                let [u, v] = overlay.map.apply([x as f32, y as f32]);
+                if let Some(f) = overlay.plane.sample_one(u, v) {
+                    pairs.push((f64::from(overlay.luma.row(y)[x]), f64::from(f.round_ties_even())));
+                }
+            }
+        }
+        let n = pairs.len().max(1) as f64;
+        let mean = |of: &dyn Fn(&(f64, f64)) -> f64| pairs.iter().map(of).sum::<f64>() / n;
+        let (t, f) = (mean(&|p| p.0), mean(&|p| p.1));
+        [pairs.len() as f64, mean(&|p| (p.0 - t) * (p.0 - t)), mean(&|p| (p.0 - t) * (p.1 - f))]
+    }
+
+    #[test]
+    fn correlations_one_by_one_and_four_at_a_time_are_those_of_the_definition() {
+        each(|overlay| {
+            let columns: [_; BLOCKS] = ranges(block_ranges(WIDTH, BLOCKS, 0));
+            for ys in block_ranges(HEIGHT, BLOCKS, 0) {
+                let (mut one, mut four) = (RowOfPairs::default(), RowOfPairs::default());
+                overlay.add_row::<1, 0>(ys.clone(), &columns, &mut one);
+                overlay.add_row::<LANES, { TEMPLATE_SIDE + LANES }>(ys.clone(), &columns, &mut four);
+                for ((one, four), xs) in one.iter().zip(&four).zip(&columns) {
+                    let m = Moments::new(one);
+                    assert_eq!(m, Moments::new(four), "rows {ys:?}, columns {xs:?}");
+                    let [n, t, tf] = naive_moments(overlay, ys.clone(), xs);
+                    assert_eq!(f64::from(m.n), n, "pixels of rows {ys:?}, columns {xs:?}");
+                    assert!(
+                        (f64::from(m.t) - t).abs() < 0.05 && (f64::from(m.tf) - tf).abs() < 0.05,
+                        "{m:?}, {t} {tf}"
+                    );
+                }
+            }
+        });
+    }
+
+    #[test]
+    fn errors_one_by_one_and_four_at_a_time_are_the_same() {
+        each(|overlay| {
+            for (blocks, lit, steep) in
+                [(4, Lit::Unknown, false), (6, Lit::Unknown, true), (6, Lit::Renewed, true), (6, Lit::Known, false)]
+            {
+                let shade = Shade { scale_t: 0.05, scale_f: 0.06, offset: 0.3, weight: 0.7, flat: 9.0 };
+                let (mut light_one, mut light_four) = ([shade; BLOCKS * BLOCKS], [shade; BLOCKS * BLOCKS]);
+                let (mut one, mut four) = (Vec::new(), Vec::new());
+                let bits = |cell: &Cell| (cell.sums.map(f32::to_bits), cell.scale.to_bits(), cell.middle);
+                overlay.sum_errors_by::<1, 0>(blocks, &mut light_one, lit, steep, |cell| one.push(bits(cell)));
+                overlay.sum_errors_by::<LANES, { TEMPLATE_SIDE + LANES }>(
+                    blocks,
+                    &mut light_four,
+                    lit,
+                    steep,
+                    |cell| {
+                        four.push(bits(cell));
+                    },
+                );
+                assert_eq!(one.len(), 4 * blocks * blocks);
+                assert_eq!(one, four, "{blocks} blocks, {lit:?}, steep {steep}");
+                assert_eq!(light_one, light_four);
+                assert_eq!(light_one != [shade; BLOCKS * BLOCKS], lit != Lit::Known, "{lit:?}");
+            }
+        });
+    }
+
+    #[test]
+    fn blocks_cover_a_row_once() {
+        for (width, margin) in [(61, 0), (61, 1), (8, 1), (96, 0)] {
+            let covered: Vec<usize> = block_ranges(width, BLOCKS, margin).flatten().collect();
+            assert_eq!(covered, (margin..width - margin).collect::<Vec<_>>(), "{width} px, margin {margin}");
+            let halved: Vec<usize> = block_ranges(width, BLOCKS, margin).flat_map(|xs| halves(&xs)).flatten().collect();
+            assert_eq!(halved, covered);
+        }
+    }
 }

@@ -17,7 +17,8 @@ use crate::base::capacity::{Buffer, CANDIDATES, Stage, StageStats, count, id};
 use crate::base::geometry::{Homography, Point};
 use crate::base::math;
 use crate::base::sort::sort_by_key;
-use crate::detect::align::{appearance, refine};
+use crate::detect::align::refine;
+use crate::detect::appearance::appearance;
 use crate::detect::classify::{Match, NEIGHBOURS, classify};
 use crate::detect::detection::{Detection, Detections};
 use crate::detect::evidence::{accept, is_found, settle, weigh};
@@ -66,7 +67,6 @@ pub(crate) struct Search<'a, 'o> {
 
 impl Search<'_, '_> {
     /// Takes the steps of a plan.
-    #[inline(never)]
     pub(crate) fn run(&mut self, plan: &Plan) {
         self.scene.find_coarse(&mut self.look);
         for round in 0..plan.rounds() {
@@ -101,7 +101,6 @@ impl Search<'_, '_> {
     }
 
     /// Finds the matches of a step, and casts their votes.
-    #[inline(never)]
     fn gather_votes(&mut self, step: &Step) {
         let keygraphs = self.scene.keygraphs_of(step.levels, &mut self.look);
         for first in keygraphs.clone().step_by(CHUNK) {
@@ -160,7 +159,6 @@ impl Search<'_, '_> {
 
     /// Turns open votes into detections. Returns the weight of the heaviest candidate that lies
     /// where nothing has been found.
-    #[inline(never)]
     fn decide(&mut self, bar: &Bar, when_to_settle: Settle) -> Option<u32> {
         loop {
             let known = self.findings.detections.len();
@@ -206,14 +204,15 @@ impl Search<'_, '_> {
             }
             if rules.grow {
                 let (map, start) = self.find_pairs(&candidate);
-                let enough = |d: &Detection| candidate.weight >= bar.heavy || d.appearance.support >= bar.support;
-                if let Some(mut d) = self.find_pose(&candidate, &map, &start).filter(enough) {
+                if let Some(mut d) = self.find_pose(&candidate, &map, &start)
+                    && (candidate.weight >= bar.heavy || d.appearance.support >= bar.support)
+                {
                     d.agreeing = count_agreeing(&map, self.pairs, &d.homography);
-                    let d = weigh(&self.scene, self.votes, model, d);
-                    self.accept(d, bar.score);
+                    weigh(&self.scene, self.votes, model, &mut d);
+                    self.accept(&d, bar.score);
                 }
             } else {
-                self.accept(similar(model, &candidate), bar.score);
+                self.accept(&similar(model, &candidate), bar.score);
             }
             self.look.laps.end(self.look.tally, Output::Detections(&self.findings.detections));
         }
@@ -228,7 +227,7 @@ impl Search<'_, '_> {
         for prior in PRIORS {
             let grown = self.grow(candidate.object, map, start, prior);
             self.look.laps.end(self.look.tally, Output::Grown(grown.as_ref()));
-            let aligned = grown.and_then(|d| self.align(d));
+            let aligned = grown.as_ref().and_then(|d| self.align(d));
             self.look.laps.end(self.look.tally, Output::Aligned(aligned.as_ref()));
             if support(&aligned) > support(&best) {
                 best = aligned;
@@ -271,7 +270,7 @@ impl Search<'_, '_> {
 
     /// Aligns a grown pose with the frame; `None` when that is hopeless.
     #[inline(never)]
-    fn align(&mut self, d: Detection) -> Option<Detection> {
+    fn align(&mut self, d: &Detection) -> Option<Detection> {
         self.look.tally.of(Stage::Accept).seen += 1;
         let o = self.look.model.object(usize::from(d.object));
         let (view, w, h) = (&self.scene.pyramid, o.width as f32, o.height as f32);
@@ -281,7 +280,7 @@ impl Search<'_, '_> {
     }
 
     /// Keeps a detection if it is likely enough and the best at its place.
-    fn accept(&mut self, d: Detection, threshold: f32) {
+    fn accept(&mut self, d: &Detection, threshold: f32) {
         let lost = accept(&mut self.findings.detections, d, threshold);
         let stats = self.look.tally.of(Stage::Accept);
         stats.dropped += u32::from(lost);

@@ -11,7 +11,4 @@ pub mod table;
 pub mod pack;
 pub mod views;
 pub mod train;
-pub use format::*;
-pub use method::Method;
-pub use parse::*;
-pub use views::*;
+pub mod preset;

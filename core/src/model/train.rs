@@ -38,9 +38,8 @@ use crate::model::format::{
 };
 use crate::model::method::{Method, Parameters};
 use crate::model::table::Table;
-pub use crate::model::views::ViewSpec;
 use crate::model::views::{
-    MAX_VIEWS, MIN_VIEW_SIDE, ViewPlan, are_valid, plan_views, render, render_chroma, render_luma,
+    MAX_VIEWS, MIN_VIEW_SIDE, ViewPlan, ViewSpec, are_valid, plan_views, render, render_chroma, render_luma,
 };
 
 /// Maximum number of keypoints of a view: they are numbered by a byte.

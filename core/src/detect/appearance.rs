@@ -1,0 +1,311 @@
+//! Does the frame look like the object where the pose says it is?
+//!
+//! In: the frame's pyramid, the object's template and a homography. Out: an [`Appearance`].
+//! The frame is warped into the template; each of 6 x 6 blocks is correlated for itself (zero
+//! mean, unit spread), so that light may differ from block to block and a hidden part loses
+//! its blocks and not the object. Blocks without texture, or outside the frame, do not count.
+//!
+//! Memory: some 2 KB of stack, 4 KB where there are vectors. Cost: one bilinear sample for each
+//! pixel of the template (9,216 at most).
+
+use crate::base::capacity::{LEVELS, id};
+use crate::base::geometry::{Homography, area, is_convex};
+use crate::base::math;
+use crate::base::sort::sort;
+use crate::detect::overlay::{BLOCKS, Light, Moments, Overlay, Shade, agreement, block_ranges, every, number};
+use crate::detect::verify::{CHROMA_NOISE, Counts};
+use crate::image::frame::NO_CHROMA;
+use crate::image::pyramid::{Plane, PyramidView, into_level, nearest, out_of_level};
+use crate::model::parse::Template;
+
+/// Minimum spread of a block of the template, gray levels, for it to count.
+const LEAST_SPREAD: f32 = 5.0;
+
+/// How the frame correlates with the template, block by block.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Appearance {
+    /// Blocks that count.
+    pub blocks: u16,
+    /// Blocks that lie in the frame, textured or not, of 36.
+    pub inside: u16,
+    /// Their median correlation, -1 to 1.
+    pub median: f32,
+    /// How many blocks agree: the sum of their agreements.
+    pub support: f32,
+    /// How many agree well: the sum of the squares of their agreements, each times how much
+    /// its texture runs both ways (0 for a lone edge, 1). Many blocks that agree a little,
+    /// and lone edges that agree well, are what aligning makes of a wrong pose.
+    pub strong: f32,
+    /// Correlation of chroma over the whole object, of what stands above noise, -1 to 1; 0
+    /// without chroma.
+    pub chroma: f32,
+}
+
+/// Whether an outline can be that of a picture seen by a camera: convex, not
+/// mirrored, with an area of at least `min_area` px and no side shrunk more than
+/// `max_ratio` times against its opposite.
+#[must_use]
+pub fn is_plausible(outline: &[[f32; 2]; 4], min_area: f32, max_ratio: f32) -> bool {
+    if !outline.iter().flatten().all(|v| v.is_finite()) || area(outline) < min_area || !is_convex(outline) {
+        return false;
+    }
+    let side2 = |i: usize| {
+        let (a, b) = (outline[i], outline[(i + 1) % 4]);
+        (a[0] - b[0]) * (a[0] - b[0]) + (a[1] - b[1]) * (a[1] - b[1])
+    };
+    (0..2).all(|i| {
+        let (a, b) = (side2(i), side2(i + 2));
+        a.max(b) < max_ratio * max_ratio * a.min(b)
+    })
+}
+
+/// The pyramid level in which `px2` px of level 0, an area, are about one px.
+pub(crate) fn level_of_area(px2: f32) -> usize {
+    // Half a log2 of the area, rounded.
+    let l = math::round(math::log2(px2.max(1e-3)) / 2.0 - 0.2);
+    usize::try_from(l).unwrap_or(0).min(LEVELS - 1)
+}
+
+/// The pyramid level whose pixels are about as large in the frame as those of the
+/// template are under `h` (template px to frame px).
+fn level_under(h: &Homography, width: f32, height: f32) -> usize {
+    level_of_area(area(&h.outline(width, height)).abs() / (width * height))
+}
+
+/// How much the gradients of a block run both ways, 0 to 1: twice the smaller eigenvalue of
+/// their structure tensor over its trace. A block with one straight edge, 0, agrees
+/// wherever it is slid along another.
+fn roundness(luma: &Plane<'_, u8>, block: usize) -> f32 {
+    let (w, h) = (luma.width(), luma.height());
+    let range = |size: usize, b: usize| block_ranges(size, BLOCKS, 1).nth(b).unwrap_or_default();
+    let (mut xx, mut xy, mut yy) = (0i32, 0i32, 0i32);
+    for y in range(h, block / BLOCKS) {
+        let [above, row, below] = [y - 1, y, y + 1].map(|y| luma.row(y));
+        for x in range(w, block % BLOCKS) {
+            let (gx, gy) = (i32::from(row[x + 1]) - i32::from(row[x - 1]), i32::from(below[x]) - i32::from(above[x]));
+            xx += gx * gx;
+            xy += gx * gy;
+            yy += gy * gy;
+        }
+    }
+    let (sum, difference) = ((xx + yy) as f32, (xx - yy) as f32);
+    let cross = 2.0 * xy as f32;
+    (sum - math::sqrt(difference * difference + cross * cross)).max(0.0) / sum.max(1.0)
+}
+
+/// Correlations of the blocks of a level of the template.
+pub(crate) struct Blocks {
+    values: [f32; BLOCKS * BLOCKS],
+    /// The number of the block of each.
+    places: [u8; BLOCKS * BLOCKS],
+    n: usize,
+    inside: u16,
+}
+
+impl Blocks {
+    /// Correlates the frame under `h` (picture px to frame px) with level `level` of
+    /// the template of a picture of `width` x `height` px. How each block is lit goes to `light`.
+    #[inline(never)]
+    pub(crate) fn new(
+        view: &PyramidView<'_>,
+        template: &Template<'_>,
+        level: usize,
+        h: &Homography,
+        [width, height]: [f32; 2],
+        mut light: Option<&mut Light>,
+    ) -> Self {
+        let luma = template.luma(level);
+        let (w, h_) = (luma.width(), luma.height());
+        let h = h.after(&template.to_picture(width, height)).after(&out_of_level(level));
+        let target = level_under(&h, w as f32, h_ as f32);
+        let overlay = Overlay { luma, plane: view.luma(target), map: into_level(target).after(&h) };
+        let mut blocks = Self { values: [0.0; BLOCKS * BLOCKS], places: [0; BLOCKS * BLOCKS], n: 0, inside: 0 };
+        let mut places = 0u8..;
+        for ys in block_ranges(h_, BLOCKS, 0) {
+            for (m, place) in overlay.correlate(ys).iter().zip(&mut places) {
+                if let Some(light) = &mut light {
+                    light[usize::from(place)] = Shade::new(m);
+                }
+                blocks.add(place, m, (w * h_ / (BLOCKS * BLOCKS)) as f32 / number(every(&luma)));
+            }
+        }
+        blocks
+    }
+
+    /// Adds a block that has `full` pixels.
+    fn add(&mut self, place: u8, m: &Moments, full: f32) {
+        if m.n < 0.6 * full {
+            return;
+        }
+        self.inside += 1;
+        if m.t >= LEAST_SPREAD * LEAST_SPREAD {
+            // A flat frame block correlates with nothing.
+            self.values[self.n] = m.tf / math::coarse_sqrt(m.t * m.f.max(4.0));
+            self.places[self.n] = place;
+            self.n += 1;
+        }
+    }
+
+    /// How many blocks agree: the sum of their agreements.
+    pub(crate) fn support(&self) -> f32 {
+        self.values[..self.n].iter().map(|&c| agreement(c)).sum()
+    }
+
+    /// [`Appearance::strong`]; `luma` is the level of the template that they are of.
+    fn strong(&self, luma: &Plane<'_, u8>) -> f32 {
+        let blocks = self.values[..self.n].iter().zip(self.places);
+        let agreeing = blocks.map(|(&c, place)| (agreement(c), place)).filter(|&(a, _)| a > 0.0);
+        agreeing.map(|(a, place)| a * a * roundness(luma, usize::from(place))).sum()
+    }
+
+    fn median(&mut self) -> f32 {
+        let values = &mut self.values[..self.n];
+        sort(values, |a, b| a.total_cmp(b).is_lt());
+        values.get(values.len() / 2).copied().unwrap_or(0.0)
+    }
+}
+
+/// Correlates the frame under `h` (picture px to frame px) with the template of a
+/// picture of `width` x `height` px.
+#[must_use]
+pub fn appearance(
+    view: &PyramidView<'_>,
+    template: &Template<'_>,
+    h: &Homography,
+    width: f32,
+    height: f32,
+) -> Appearance {
+    let map = h.after(&template.to_picture(width, height));
+    let level = level_under(&map, template.width as f32, template.height as f32);
+    let chroma = chroma_correlation(view, template, &map, level);
+    Appearance { chroma, ..appearance_of_luma(view, template, h, [width, height]) }
+}
+
+/// [`appearance`] without chroma: its correlation is 0.
+pub(crate) fn appearance_of_luma(
+    view: &PyramidView<'_>,
+    template: &Template<'_>,
+    h: &Homography,
+    size: [f32; 2],
+) -> Appearance {
+    let mut blocks = Blocks::new(view, template, 0, h, size, None);
+    Appearance {
+        blocks: id(blocks.n),
+        inside: blocks.inside,
+        support: blocks.support(),
+        strong: blocks.strong(&template.luma(0)),
+        median: blocks.median(),
+        chroma: 0.0,
+    }
+}
+
+/// [`Appearance::support`] alone, on level `level` of the template.
+pub(crate) fn support(
+    view: &PyramidView<'_>,
+    template: &Template<'_>,
+    level: usize,
+    h: &Homography,
+    size: [f32; 2],
+) -> f32 {
+    Blocks::new(view, template, level, h, size, None).support()
+}
+
+fn chroma_correlation(view: &PyramidView<'_>, template: &Template<'_>, h: &Homography, level: usize) -> f32 {
+    let (cw, ch) = (template.width / 2, template.height / 2);
+    let planes = view.chroma(level.min(LEVELS - 1));
+    let source = template.chroma(0);
+    // Chroma px are twice as large on both sides, so the same level fits.
+    let to = into_level(level + 1).after(&h.after(&Homography::affine([2.0, 0.0, 0.5, 0.0, 2.0, 0.5])));
+    let mut sums = Counts::default();
+    // Every second pixel tells as much as it is asked for.
+    for y in (0..ch).step_by(2) {
+        for x in (0..cw).step_by(2) {
+            let [u, v] = to.apply([x as f32, y as f32]);
+            let inside = u >= 0.0 && v >= 0.0 && u < planes[0].width() as f32 && v < planes[0].height() as f32;
+            let t = source.map(|c| c.row(y)[x].cast_signed());
+            let f = nearest(planes, math::round(u), math::round(v));
+            if inside && t[0] != NO_CHROMA && f[0] != NO_CHROMA {
+                sums.add_pair(t.map(i32::from), f.map(i32::from));
+            }
+        }
+    }
+    sums.correlation(CHROMA_NOISE)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::image::frame::{Frame, PixelFormat};
+    use crate::image::pyramid::{Pyramid, halve_luma, plane_bytes, reduce_all};
+    use crate::model::format::template_bytes;
+    use std::prelude::rust_2024::*;
+    use std::vec;
+
+    const SIDE: usize = if cfg!(miri) { 48 } else { 96 };
+    const WIDTH: usize = 5 * SIDE / 2;
+    const HEIGHT: usize = 3 * WIDTH / 4;
+    /// Where the object lies in the frame.
+    const PLACE: [f32; 2] = [WIDTH as f32 / 12.0, WIDTH as f32 / 8.0];
+
+    /// A texture without repetition.
+    fn texture(x: f32, y: f32) -> f32 {
+        128.0 + 50.0 * (x * 0.31 + (y * 0.17).sin() * 2.0).sin() + 50.0 * (y * 0.23 + (x * 0.11).cos() * 3.0).sin()
+    }
+
+    fn setup(hide: bool) -> (Box<Pyramid<60_000, 15_000>>, Vec<u8>, Homography) {
+        let h = Homography::affine([1.4, 0.3, PLACE[0], -0.3, 1.4, PLACE[1]]);
+        let inverse = h.inverse().unwrap();
+        let frame: Vec<u8> = (0..WIDTH * HEIGHT)
+            .map(|i| {
+                let [x, y] = inverse.apply([(i % WIDTH) as f32, (i / WIDTH) as f32]);
+                let hidden = hide && x < SIDE as f32 / 3.0;
+                (if hidden { 0.0 } else { texture(x, y) * 0.6 } + 10.0) as u8
+            })
+            .collect();
+        let mut p = Box::new(Pyramid::new());
+        p.planes_mut().load(&Frame::new(PixelFormat::Gray8, WIDTH, HEIGHT, &frame).unwrap()).unwrap();
+        p.planes_mut().reduce();
+        let mut template = vec![NO_CHROMA.cast_unsigned(); template_bytes(SIDE, SIDE)];
+        let luma = &mut template[..plane_bytes(SIDE, SIDE)];
+        for (i, t) in luma[..SIDE * SIDE].iter_mut().enumerate() {
+            *t = texture((i % SIDE) as f32, (i / SIDE) as f32) as u8;
+        }
+        reduce_all(luma, SIDE, SIDE, halve_luma);
+        (p, template, h)
+    }
+
+    fn template(data: &[u8]) -> Template<'_> {
+        Template::new(data, SIDE, SIDE).unwrap()
+    }
+
+    #[test]
+    fn the_right_place_correlates_and_a_wrong_one_does_not() {
+        let (p, data, h) = setup(false);
+        let side = SIDE as f32;
+        let right = appearance(&p.view(), &template(&data), &h, side, side);
+        assert!(right.median > 0.95 && right.blocks == 36, "{right:?}");
+        let moved = Homography::affine([1.4, 0.3, PLACE[0] + 16.0, -0.3, 1.4, PLACE[1] + 12.0]);
+        let wrong = appearance(&p.view(), &template(&data), &moved, side, side);
+        assert!(wrong.median < 0.5, "{wrong:?}");
+        assert_eq!(right.chroma, 0.0, "a gray frame has no chroma");
+    }
+
+    #[test]
+    fn hiding_a_third_leaves_the_median() {
+        let (p, data, h) = setup(true);
+        let a = appearance(&p.view(), &template(&data), &h, SIDE as f32, SIDE as f32);
+        assert!(a.median > 0.9, "{a:?}");
+    }
+
+    #[test]
+    fn implausible_outlines_are_told() {
+        let ok = |o: [[f32; 2]; 4]| is_plausible(&o, 100.0, 3.0);
+        assert!(ok([[0.0, 0.0], [50.0, 5.0], [48.0, 60.0], [-3.0, 55.0]]));
+        assert!(!ok([[0.0, 0.0], [-3.0, 55.0], [48.0, 60.0], [50.0, 5.0]]), "mirrored");
+        assert!(!ok([[0.0, 0.0], [5.0, 0.0], [5.0, 5.0], [0.0, 5.0]]), "tiny");
+        assert!(!ok([[0.0, 0.0], [50.0, 0.0], [5.0, 5.0], [0.0, 50.0]]), "not convex");
+        assert!(!ok([[0.0, 0.0], [90.0, 0.0], [55.0, 40.0], [45.0, 40.0]]), "too steep");
+        assert!(!ok([[f32::NAN; 2]; 4]), "not finite");
+    }
+}
