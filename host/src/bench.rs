@@ -103,18 +103,30 @@ pub struct Bench {
     pub tracking: Option<Tracking>,
 }
 
-/// Searches `pictures` once and then `passes` times more, on this thread.
+/// What a benchmark does.
+#[derive(Clone, Copy, Debug)]
+pub struct Plan {
+    /// How frames are searched.
+    pub request: Request,
+    /// Number of passes that are timed.
+    pub passes: usize,
+    /// Whether the frames are also followed as a sequence.
+    pub track: bool,
+}
+
+/// Searches `pictures` once, and then as often as `plan` says, on this thread.
 ///
 /// # Errors
-/// When there is no picture, one is too small, or a pass differs from the first.
-pub fn bench(pictures: &[Picture], model: &Model<'_>, request: &Request, passes: usize, track: bool) -> Result<Bench> {
+/// When there is no picture, a picture is too small, or a pass differs from the first.
+pub fn bench(pictures: &[Picture], model: &Model<'_>, plan: &Plan) -> Result<Bench> {
+    let Plan { request, passes, track } = plan;
     ensure!(!pictures.is_empty(), "no frame could be read");
     let told = Request { digests: true, ..*request };
     let first = pictures.iter().map(|p| search_for(p, model, &told, 0)).collect::<Result<Vec<Found>>>()?;
 
     let mut total = vec![Vec::new(); pictures.len()];
     let mut ticks = vec![vec![Vec::new(); pictures.len()]; Stage::COUNT];
-    for pass in 1..=passes {
+    for pass in 1..=*passes {
         for (i, (picture, first)) in pictures.iter().zip(&first).enumerate() {
             let found = search_for(picture, model, request, 0)?;
             let same = outcome(&found) == outcome(first);
@@ -142,7 +154,7 @@ pub fn bench(pictures: &[Picture], model: &Model<'_>, request: &Request, passes:
     });
     Ok(Bench {
         frames: pictures.len(),
-        passes,
+        passes: *passes,
         detections: first.iter().map(|f| f.detections.len()).sum(),
         digest: digest(&first),
         stages: stages.collect(),

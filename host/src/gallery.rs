@@ -9,12 +9,12 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
 
-use crate::annotate::Canvas;
+use crate::canvas::Canvas;
 use crate::input::Kind;
+use crate::picture::{EXTENSIONS, extension};
 use crate::video::VideoWriter;
 
 const VIDEOS: [&str; 6] = ["mp4", "m4v", "mov", "mkv", "avi", "webm"];
-const PICTURES: [&str; 3] = ["png", "jpg", "jpeg"];
 /// Frame rate of a video made of pictures.
 const STILLS_FPS: (u32, u32) = (10, 1);
 
@@ -50,11 +50,10 @@ impl Gallery {
     /// # Errors
     /// When the folder cannot be made.
     pub fn new(path: &Path, inputs: &[PathBuf]) -> Result<Self> {
-        let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
-        let target = match extension.as_str() {
+        let target = match extension(path).as_str() {
             _ if path.is_dir() => Target::Folder(path.into()),
             e if VIDEOS.contains(&e) => Target::Video(path.into()),
-            e if PICTURES.contains(&e) => Target::Picture(path.into()),
+            e if EXTENSIONS.contains(&e) => Target::Picture(path.into()),
             _ => {
                 fs::create_dir_all(path).with_context(|| format!("cannot make the folder {}", path.display()))?;
                 Target::Folder(path.into())
@@ -99,9 +98,8 @@ impl Gallery {
             }
             (Target::Folder(folder), None) => {
                 let name = Path::new(source).file_name().unwrap_or_default();
-                let extension = Path::new(name).extension().map(|e| e.to_string_lossy().to_lowercase());
                 let mut path = folder.join(name);
-                if !extension.is_some_and(|e| PICTURES.contains(&e.as_str())) {
+                if !EXTENSIONS.contains(&extension(Path::new(name)).as_str()) {
                     path = path.with_extension("png");
                 }
                 let path = self.free(path);

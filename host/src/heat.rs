@@ -7,8 +7,9 @@
 
 use keygraph_core::geometry::{area, contains};
 
-use crate::annotate::Canvas;
-use crate::input::{Picture, Pixels};
+use crate::canvas::Canvas;
+use crate::picture::{Picture, Pixels};
+use crate::scaling::scaled;
 
 /// Fields along the longer side.
 const FIELDS: u32 = 128;
@@ -44,7 +45,7 @@ impl Heat {
     /// Adds a triangle, picture px.
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to the fields")]
     pub fn add(&mut self, triangle: [[f32; 2]; 3]) {
-        let mut t = triangle.map(|p| p.map(|v| (v + 0.5) * self.scale - 0.5));
+        let mut t = triangle.map(|p| p.map(|v| scaled(v, self.scale)));
         let mut size = area(&t);
         if size < 0.0 {
             t.swap(1, 2);
@@ -83,7 +84,7 @@ impl Heat {
         let whole = Canvas::from_picture(picture);
         let (w, pixels) = (picture.width as usize, whole.rgb().as_chunks::<3>().0);
         let rgb = pixels.iter().enumerate().flat_map(|(i, p)| {
-            let at = |v: usize| (v as f32 + 0.5) * self.scale - 0.5;
+            let at = |v: usize| scaled(v as f32, self.scale);
             // The square root shows the weak parts too.
             let heat = (self.at(at(i % w), at(i / w)) / full).min(1.0).sqrt();
             let colour = ramp(heat);

@@ -15,27 +15,17 @@
 //! Memory: one frame, or one picture and its file, at a time.
 
 use std::collections::VecDeque;
-use std::ffi::OsString;
 use std::fmt;
 use std::fs::{self, File};
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
-use std::thread::JoinHandle;
 
 use anyhow::{Context, Result, anyhow, ensure};
 
+use crate::ffmpeg::{Ffmpeg, decoding_arguments};
+use crate::picture::EXTENSIONS;
 pub use crate::picture::{Picture, Pixels, read_picture};
-pub(crate) use crate::yuv4mpeg::CROP_TO_EVEN;
 use crate::yuv4mpeg::{UNKNOWN_FPS, YUV4MPEG2_MAGIC, Yuv4MpegReader};
-
-/// Most bytes of ffmpeg's messages that are kept for an error.
-const MAX_MESSAGE_BYTES: usize = 4096;
-
-const NO_FFMPEG: &str = "video needs ffmpeg: install it with `sudo apt-get install ffmpeg` \
-                         (Debian/Ubuntu) or `brew install ffmpeg` (macOS)";
-
-const PICTURE_EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
 
 const VIDEO_EXTENSIONS: [&str; 16] =
     ["mp4", "m4v", "avi", "mkv", "mov", "webm", "mpg", "mpeg", "ogv", "y4m", "wmv", "flv", "ts", "mts", "3gp", "gif"];
@@ -196,7 +186,7 @@ pub fn is_video(path: &Path) -> bool {
         Content::Yuv4Mpeg => true,
         Content::Other => {
             has_extension(path, &VIDEO_EXTENSIONS)
-                || (!has_extension(path, &PICTURE_EXTENSIONS) && path.exists() && !path.is_dir())
+                || (!has_extension(path, &EXTENSIONS) && path.exists() && !path.is_dir())
         }
     }
 }
@@ -230,7 +220,7 @@ fn pictures_in(folder: &Path) -> Result<Vec<PathBuf>> {
     for entry in fs::read_dir(folder).with_context(unreadable)? {
         let path = entry.with_context(unreadable)?.path();
         let hidden = path.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b"."));
-        if !hidden && has_extension(&path, &PICTURE_EXTENSIONS) && !path.is_dir() {
+        if !hidden && has_extension(&path, &EXTENSIONS) && !path.is_dir() {
             pictures.push(path);
         }
     }
@@ -350,146 +340,11 @@ impl Iterator for Video {
     }
 }
 
-fn decoding_arguments(path: &Path) -> Vec<OsString> {
-    // `file:` keeps a name such as `a:b.mp4` from being read as a protocol, and
-    // the list keeps a playlist from reaching into the network.
-    let mut file = OsString::from("file:");
-    file.push(path);
-    let mut arguments: Vec<OsString> = ["-protocol_whitelist", "file", "-i"].map(OsString::from).to_vec();
-    arguments.push(file);
-    let output = ["-an", "-sn", "-dn", "-vf", CROP_TO_EVEN]
-        .into_iter()
-        .chain(["-f", "yuv4mpegpipe", "-pix_fmt", "yuv420p", "-strict", "-1"])
-        .chain(["-"]);
-    arguments.extend(output.map(OsString::from));
-    arguments
-}
-
-/// An ffmpeg child process. Its messages are drained by a thread, so that it
-/// never waits for us to read them. Killed and waited for when dropped.
-#[derive(Debug)]
-pub(crate) struct Ffmpeg {
-    /// Its standard input and output are pipes, for the owner to take.
-    pub(crate) child: Child,
-    messages: Option<JoinHandle<String>>,
-}
-
-impl Ffmpeg {
-    /// Starts ffmpeg with these arguments.
-    pub(crate) fn start(arguments: &[OsString]) -> Result<Self> {
-        Self::start_program("ffmpeg", arguments)
-    }
-
-    fn start_program(program: &str, arguments: &[OsString]) -> Result<Self> {
-        let mut child = Command::new(program)
-            .args(["-v", "error", "-nostdin"])
-            .args(arguments)
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::piped())
-            .spawn()
-            .map_err(|error| match error.kind() {
-                io::ErrorKind::NotFound => anyhow!(NO_FFMPEG),
-                _ => anyhow!("cannot start ffmpeg: {error}"),
-            })?;
-        let messages = child.stderr.take().map(|stderr| std::thread::spawn(|| first_messages(stderr)));
-        Ok(Self { child, messages })
-    }
-
-    /// Waits for the end and returns what ffmpeg wrote to standard error.
-    ///
-    /// # Errors
-    /// If ffmpeg failed; the same text is in the error.
-    pub(crate) fn finish(mut self) -> Result<String> {
-        // A pipe left open would keep ffmpeg waiting.
-        self.child.stdin = None;
-        self.child.stdout = None;
-        let status = self.child.wait().context("cannot wait for ffmpeg")?;
-        let messages = self.messages.take().and_then(|thread| thread.join().ok()).unwrap_or_default();
-        ensure!(status.success(), "ffmpeg failed ({status}): {messages}");
-        Ok(messages)
-    }
-}
-
-impl Drop for Ffmpeg {
-    fn drop(&mut self) {
-        // Both fail if the child has ended already, which is what is wanted.
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
-}
-
-/// Reads to the end and keeps the start.
-fn first_messages(mut stderr: impl Read) -> String {
-    let mut kept = Vec::new();
-    let _ = stderr.by_ref().take(MAX_MESSAGE_BYTES as u64).read_to_end(&mut kept);
-    let _ = io::copy(&mut stderr, &mut io::sink());
-    String::from_utf8_lossy(&kept).trim().to_string()
-}
-
-// --------------------------------------------------------------------- tests
-
-/// What the tests of this crate's file formats need.
-#[cfg(test)]
-pub(crate) mod scratch {
-    use std::io::{Write, stderr};
-    use std::path::PathBuf;
-    use std::process::Command;
-
-    /// An empty folder that is removed with all that is in it.
-    pub(crate) struct Folder(pub(crate) PathBuf);
-
-    impl Folder {
-        /// `name` must be used by one test only.
-        pub(crate) fn new(name: &str) -> Self {
-            let path = std::env::temp_dir().join(format!("keygraph-{}-{name}", std::process::id()));
-            std::fs::create_dir_all(&path).expect("temporary folder");
-            Self(path)
-        }
-    }
-
-    impl Drop for Folder {
-        fn drop(&mut self) {
-            let _ = std::fs::remove_dir_all(&self.0);
-        }
-    }
-
-    /// What an error says.
-    pub(crate) fn message<T>(result: anyhow::Result<T>) -> String {
-        result.err().map_or("no error".into(), |e| format!("{e:#}"))
-    }
-
-    /// It failed, and the message has this part.
-    #[track_caller]
-    pub(crate) fn assert_says<T>(result: anyhow::Result<T>, part: &str) {
-        let message = message(result);
-        assert!(message.contains(part), "{part:?} is not in {message:?}");
-    }
-
-    /// Runs `ffmpeg -v error` with these arguments, split at spaces, and the
-    /// output file. False, and a line that cargo does not hide, if there is no
-    /// ffmpeg.
-    pub(crate) fn ffmpeg_makes(arguments: &str, output: &std::path::Path) -> bool {
-        let status = Command::new("ffmpeg")
-            .args(["-v", "error", "-nostdin", "-y"])
-            .args(arguments.split(' '))
-            .arg(output)
-            .status();
-        let Ok(status) = status else {
-            assert!(std::env::var_os("KEYGRAPH_MUST_NOT_SKIP").is_none(), "no ffmpeg, and nothing may be skipped");
-            let _ = writeln!(stderr(), "SKIPPED: no ffmpeg to make {}", output.display());
-            return false;
-        };
-        assert!(status.success(), "ffmpeg {arguments}");
-        true
-    }
-}
-
 #[cfg(test)]
 mod tests {
-    use super::scratch::{Folder, assert_says, ffmpeg_makes, message};
     use super::*;
     use crate::picture::tests::png;
+    use crate::scratch::{Folder, assert_says, ffmpeg_makes, message};
     use image::ExtendedColorType;
 
     // inputs
@@ -627,12 +482,6 @@ mod tests {
     }
 
     // ffmpeg
-
-    #[test]
-    fn a_missing_ffmpeg_is_named_with_its_remedy() {
-        let result = Ffmpeg::start_program("no-such-ffmpeg", &[]);
-        assert_says(result, "video needs ffmpeg: install it with `sudo apt-get install ffmpeg`");
-    }
 
     #[test]
     fn a_video_of_odd_size_is_cropped() {

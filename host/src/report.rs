@@ -7,9 +7,11 @@ use keygraph_core::model::{Method, Model};
 use keygraph_core::track::{State, Track};
 use serde_json::{Map, Value, json};
 
-use crate::assess::{Assessment, Row, Structure, Sweep};
+use crate::assess::Assessment;
 use crate::bench::{Bench, Held, StageCost, Times};
 use crate::search::Found;
+use crate::structure::Structure;
+use crate::sweep::{Row, Sweep};
 
 /// A number with `digits` decimals.
 fn rounded(v: f32, digits: i32) -> Value {

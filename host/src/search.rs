@@ -13,12 +13,12 @@ use keygraph_core::capacity::{Buffer, Room};
 use keygraph_core::detect::{Detection, HdDetector, Observer, Output, QqvgaDetector, QvgaDetector, Stats, VgaDetector};
 use keygraph_core::digest::Digests;
 use keygraph_core::frame::{Frame, FrameError, PixelFormat};
-use keygraph_core::geometry::Homography;
 use keygraph_core::model::Model;
 use keygraph_core::shrink::shrink;
 use keygraph_core::track::{State, Track, Tracker};
 
 use crate::input::{Picture, Pixels};
+use crate::scaling::scaling;
 use crate::sensor::sense;
 
 /// A frame size that detectors are built for.
@@ -178,7 +178,7 @@ impl Found {
     /// Carries everything from a frame with so many px per px of the input to the px
     /// of the input.
     pub fn map_back(&mut self, [sx, sy]: [f32; 2]) {
-        let back = Homography::affine([1.0 / sx, 0.0, 0.5 / sx - 0.5, 0.0, 1.0 / sy, 0.5 / sy - 0.5]);
+        let back = scaling([1.0 / sx, 1.0 / sy]);
         for d in self.all_detections() {
             d.homography = back.after(&d.homography).normalised();
             d.corners = d.corners.map(|p| back.apply(p));
@@ -207,6 +207,14 @@ pub struct Request {
     pub thorough: bool,
     /// Whether to tell digests; of what is searched alone, not of what is followed.
     pub digests: bool,
+}
+
+/// Parses the minimum score of a detection, 0 to 1.
+///
+/// # Errors
+/// When `text` is no number from 0 to 1.
+pub fn parse_threshold(text: &str) -> Result<f32, String> {
+    text.parse().ok().filter(|v| (0.0..=1.0).contains(v)).ok_or_else(|| "a score lies between 0 and 1".into())
 }
 
 impl Request {

@@ -12,7 +12,7 @@ use clap::ValueEnum;
 use clap::builder::PossibleValue;
 use keygraph_core::frame::PixelFormat;
 
-use crate::annotate::i420_to_rgb;
+use crate::canvas::i420_to_rgb;
 
 /// A format that the detector takes, as the command line names it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

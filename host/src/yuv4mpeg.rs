@@ -177,7 +177,7 @@ fn average_chroma(mut planes: Vec<u8>, luma: usize, width: usize, columns: usize
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::input::scratch::assert_says;
+    use crate::scratch::assert_says;
 
     fn header(text: &str) -> Result<Yuv4MpegReader<&[u8]>> {
         Yuv4MpegReader::new(text.as_bytes())

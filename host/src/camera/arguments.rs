@@ -10,7 +10,7 @@ use tracing::level_filters::LevelFilter;
 
 use super::cutout::{Outline, parse_outline};
 use super::mode::Format;
-use crate::search::Profile;
+use crate::search::{Profile, parse_threshold};
 
 /// The address of the page if none is given.
 const USUAL_ADDRESS: &str = "127.0.0.1:8080";
@@ -74,7 +74,7 @@ pub struct Arguments {
     #[arg(long, value_enum, default_value = "vga")]
     pub profile: Profile,
     /// Least score of a detection, 0 to 1
-    #[arg(long, default_value_t = DEFAULT_THRESHOLD, value_parser = score)]
+    #[arg(long, default_value_t = DEFAULT_THRESHOLD, value_parser = parse_threshold)]
     pub threshold: f32,
     /// Search all of a frame for all of the models whenever it is searched
     #[arg(long)]
@@ -135,8 +135,4 @@ fn size(s: &str) -> Result<(u32, u32), String> {
 fn rate(s: &str) -> Result<f64, String> {
     let rate = s.parse().ok().filter(|r| (0.1..=10_000.0).contains(r));
     rate.ok_or_else(|| "a rate lies between 0.1 and 10000 frames a second".into())
-}
-
-fn score(s: &str) -> Result<f32, String> {
-    s.parse().ok().filter(|v| (0.0..=1.0).contains(v)).ok_or_else(|| "a score lies between 0 and 1".into())
 }

@@ -52,7 +52,7 @@ pub mod web;
 pub mod mqtt;
 pub mod session;
 
-use std::io::{self, IsTerminal, Write};
+use std::io::{self, IsTerminal};
 use std::path::Path;
 use std::sync::{Arc, mpsc};
 use std::time::{Duration, Instant};
@@ -61,7 +61,8 @@ use anyhow::{Result, anyhow, ensure};
 use keygraph_core::detect::DEFAULT_THRESHOLD;
 use tracing::level_filters::LevelFilter;
 
-use crate::input::Picture;
+use crate::output::print_line;
+use crate::picture::Picture;
 use crate::search::{Profile, Request};
 use arguments::{Arguments, Lesson};
 use lesson::{Errand, Learned, Plan, learn};
@@ -97,7 +98,7 @@ pub struct Captured {
 pub fn camera(arguments: &Arguments) -> Result<()> {
     log_to_standard_error(arguments.log);
     if arguments.list {
-        return session::list()?.iter().try_for_each(|line| print(line));
+        return session::list()?.iter().try_for_each(|line| print_line(line));
     }
     let shelf = arguments.folder.as_deref().map(Shelf::open).transpose()?;
     let models = Models::load(&arguments.models, shelf)?;
@@ -120,7 +121,7 @@ pub fn camera(arguments: &Arguments) -> Result<()> {
             publisher.take(outcome);
         }
         if arguments.json {
-            print(&outcome.line.to_string())?;
+            print_line(&outcome.line.to_string())?;
         }
         left = left.map(|n| n.saturating_sub(1));
         Ok(left != Some(0))
@@ -182,14 +183,6 @@ fn log_to_standard_error(level: LevelFilter) {
         .with_writer(io::stderr);
     // The journal of systemd has its own times. A second call, in a test, changes nothing.
     let _ = if std::env::var_os("JOURNAL_STREAM").is_some() { log.without_time().try_init() } else { log.try_init() };
-}
-
-/// A line on standard output, at once.
-fn print(line: &str) -> Result<()> {
-    let mut out = io::stdout().lock();
-    writeln!(out, "{line}")?;
-    out.flush()?;
-    Ok(())
 }
 
 /// Logs objects that come and go.
