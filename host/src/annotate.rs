@@ -45,11 +45,10 @@ pub fn colour(index: usize) -> Colour {
 /// An object that was found.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outline {
-    /// Where the object's corners are: its top left, top right, bottom right
-    /// and bottom left one, in pixels.
+    /// The object's top left, top right, bottom right and bottom left corner, px.
     pub corners: [[f32; 2]; 4],
-    /// What the label says, such as name and score. Characters outside of
-    /// ISO 8859-1 become question marks.
+    /// The text of the label, such as name and score. Characters outside of ISO 8859-1
+    /// become question marks.
     pub label: String,
     /// Index into [`PALETTE`]; see [`colour`].
     pub colour_index: usize,
@@ -60,8 +59,8 @@ fn line_px(canvas: &Canvas) -> u32 {
     (canvas.longer_side() / 300).max(2)
 }
 
-/// Draws the four sides with a dark rim. A white line runs along the object's
-/// top side, from a dot on its top left corner, so that its rotation shows.
+/// Draws the four sides of an outline with a dark rim. A white line runs along the object's
+/// top side, from a dot on its top left corner: it shows the rotation.
 pub fn draw_outline(canvas: &mut Canvas, outline: &Outline) {
     let line_px = line_px(canvas);
     let rim_px = (line_px / 2).max(1);
@@ -79,8 +78,8 @@ pub fn draw_outline(canvas: &mut Canvas, outline: &Outline) {
     disc(canvas, a, WHITE, 2 * line_px);
 }
 
-/// Writes the label on a filled box above the object's highest corner, or as
-/// near to it as fits into the picture. Too long labels lose their end.
+/// Writes the label on a filled box above the object's highest corner, or as near to it as
+/// fits into the picture. A label that is too long loses its end.
 pub fn draw_label(canvas: &mut Canvas, outline: &Outline) {
     let [left, top] = outline
         .corners
@@ -116,7 +115,7 @@ pub fn draw_label(canvas: &mut Canvas, outline: &Outline) {
     let Ok(_) = Text::with_baseline(&text, Point::zero(), style, Baseline::Top).draw(&mut enlarged);
 }
 
-/// Marks points with small circles.
+/// Draws a small circle at each point.
 pub fn draw_corners(canvas: &mut Canvas, corners: &[[f32; 2]], colour: Colour) {
     let diameter_px = 2 * (canvas.longer_side() / 300).max(2) + 1;
     let style = PrimitiveStyle::with_stroke(rgb888(colour), diameter_px.div_ceil(8));
@@ -146,7 +145,7 @@ pub fn draw_triangles(canvas: &mut Canvas, triangles: &[[[f32; 2]; 3]], colour: 
     }
 }
 
-/// A small font for small pictures, a larger one enlarged for large ones.
+/// The font of labels and its enlargement, for a picture with this longer side, px.
 fn label_font(longer_side: u32) -> (&'static MonoFont<'static>, u32) {
     match longer_side {
         0..400 => (&iso_8859_1::FONT_6X10, 1),
@@ -155,7 +154,7 @@ fn label_font(longer_side: u32) -> (&'static MonoFont<'static>, u32) {
     }
 }
 
-/// Draws every pixel as a square of `scale` pixels.
+/// A draw target that draws every pixel as a square of `scale` pixels.
 struct Enlarged<'a> {
     canvas: &'a mut Canvas,
     origin: Point,
@@ -187,12 +186,12 @@ impl DrawTarget for Enlarged<'_> {
 }
 // -------------------------------------------------------------------- shapes
 
-/// Fills all pixels whose centres are within half a line width of a segment:
-/// a line with round ends, or a disc if both ends are the same. Row by row,
-/// and only rows of the picture, so that the cost is bounded by its area.
+/// Fills all pixels whose centres are within half a line width of a segment: a line with
+/// round ends, or a disc when both ends are the same. Works row by row on the rows of the
+/// picture, so that the area of the picture bounds the cost.
 ///
-/// embedded-graphics has thick lines too, but their arithmetic overflows where
-/// width times length is above some 20 000 pixels.
+/// The thick lines of embedded-graphics are not used: their arithmetic overflows where
+/// width times length is above some 20,000 pixels.
 fn stroke(canvas: &mut Canvas, ends: [[f32; 2]; 2], colour: Colour, width_px: u32) {
     let [a, b] = ends.map(|end| end.map(f64::from));
     if !a.iter().chain(&b).all(|v| v.is_finite()) {
@@ -201,7 +200,7 @@ fn stroke(canvas: &mut Canvas, ends: [[f32; 2]; 2], colour: Colour, width_px: u3
     let radius = f64::from(width_px) / 2.0;
     let along = [b[0] - a[0], b[1] - a[1]];
     let length = along[0].hypot(along[1]);
-    // Half the width across the line. Of no matter where it has no length.
+    // Half the width, across the line. The value does not matter for a line of length 0.
     let [nx, ny] = [-along[1], along[0]].map(|v| v / length.max(f64::MIN_POSITIVE) * radius);
     let sides = [[a[0] + nx, a[1] + ny], [b[0] + nx, b[1] + ny], [b[0] - nx, b[1] - ny], [a[0] - nx, a[1] - ny]];
     let last = [canvas.width(), canvas.height()].map(|size| f64::from(size) - 1.0);
@@ -209,8 +208,8 @@ fn stroke(canvas: &mut Canvas, ends: [[f32; 2]; 2], colour: Colour, width_px: u3
     let bottom = (a[1].max(b[1]) + radius).floor().min(last[1]);
     for row in nearest_pixel(top)..=nearest_pixel(bottom) {
         let y = f64::from(row);
-        // The shape is convex: what it has of a row lies between the first
-        // and the last crossing with its parts.
+        // The shape is convex: in a row, it lies between the first and the last crossing
+        // with its parts.
         let (mut from, mut to) = (f64::INFINITY, f64::NEG_INFINITY);
         let mut crossing = |x: f64| (from, to) = (from.min(x), to.max(x));
         for centre in [a, b] {
@@ -238,7 +237,8 @@ fn disc(canvas: &mut Canvas, centre: [f32; 2], colour: Colour, diameter_px: u32)
     stroke(canvas, [centre, centre], colour, diameter_px);
 }
 
-/// The pixel under a point, if it is within `margin_px` of the picture.
+/// The pixel under a point; `None` when it lies more than `margin_px` outside of the
+/// picture.
 fn visible_point(canvas: &Canvas, [x, y]: [f32; 2], margin_px: u32) -> Option<Point> {
     let margin = f64::from(margin_px);
     let inside = |v: f32, size: u32| {
@@ -248,7 +248,7 @@ fn visible_point(canvas: &Canvas, [x, y]: [f32; 2], margin_px: u32) -> Option<Po
     (inside(x, canvas.width()) && inside(y, canvas.height())).then(|| Point::new(nearest_pixel(x), nearest_pixel(y)))
 }
 
-/// Saturates, and turns what is not a number into 0.
+/// The nearest whole number. Saturates; NaN becomes 0.
 #[expect(clippy::cast_possible_truncation, reason = "saturation is wanted")]
 fn nearest_pixel(coordinate: impl Into<f64>) -> i32 {
     coordinate.into().round() as i32

@@ -1,7 +1,8 @@
-//! The main job on the pictures of the repository.
+//! The whole path on the pictures of the repository.
 //!
-//! In: `assets/`. Out: models and annotated frames in a folder, and a summary in
-//! words, checked against the known poses of the rendered sequence.
+//! In: `assets/`. Out: a model and annotated frames in a folder, and a summary in words:
+//! results are compared with the known poses of the rendered sequence. Memory: two models
+//! and some frames. Cost: two trainings and 48 searches.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -20,21 +21,22 @@ use crate::render::{RIGHT, corner_error};
 use crate::run::{Options, default_threads, run};
 use crate::search::Profile;
 
-/// The objects of the sequence; each has a picture of its name.
+/// The objects of the sequence. Each has a picture with its name.
 pub const OBJECTS: [&str; 2] = ["astronaut", "coffee"];
 
-/// How one object fared.
+/// The results for one object.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Tally {
-    /// Frames that show it.
+    /// Number of frames that show the object.
     pub shown: usize,
-    /// Of these, frames in which it was found at the right place.
+    /// Number of frames in which the object was found at the right place.
     pub found: usize,
-    /// Detections elsewhere, or in frames that do not show it.
+    /// Number of detections at a wrong place, or in frames that do not show the object.
     pub wrong: usize,
 }
 
-/// Trains on the picture of one of the [`OBJECTS`]: its path, the model, what was done.
+/// Trains on the picture of one of the [`OBJECTS`]. Returns the path of the picture, the
+/// model and the report.
 fn learn(assets: &Path, name: &str, preset: Preset) -> Result<(PathBuf, Vec<u8>, Trained)> {
     let path = assets.join("pictures").join(name).with_extension("jpg");
     let (model, trained) = train(&read_picture(&path)?, name, preset, false)?;
@@ -44,14 +46,14 @@ fn learn(assets: &Path, name: &str, preset: Preset) -> Result<(PathBuf, Vec<u8>,
 /// The folder of frames, and one model of all [`OBJECTS`].
 ///
 /// # Errors
-/// When the assets are not there.
+/// When the assets cannot be read.
 pub fn sample(assets: &Path, preset: Preset) -> Result<(PathBuf, Vec<u8>)> {
     let sequence = sequence(assets)?;
     let models = OBJECTS.iter().map(|name| Ok(learn(assets, name, preset)?.1)).collect::<Result<Vec<_>>>()?;
     Ok((sequence, merge(&models)?))
 }
 
-/// The folder of frames under `assets`.
+/// The folder of frames in `assets`.
 fn sequence(assets: &Path) -> Result<PathBuf> {
     let sequence = assets.join("sequence");
     ensure!(

@@ -1,18 +1,17 @@
-//! Reads pictures, folders, videos and streams as one sequence of frames.
+//! Pictures, folders, videos and streams as one sequence of frames.
 //!
-//! In: the INPUT arguments of the command line. Each is a PNG or JPEG picture,
-//! a folder of pictures, a video file, or `-` for a YUV4MPEG2 stream on
-//! standard input. Out: an iterator of [`SourceFrame`]: the input's name, the
-//! index of the frame in it, and either a [`Picture`] or why there is none.
-//! An input that cannot be read never stops the ones after it.
+//! In: the INPUT arguments of the command line. Each is a PNG or JPEG picture, a folder of
+//! pictures, a video file, or `-` for a YUV4MPEG2 stream on standard input. Out: an
+//! iterator of [`SourceFrame`]: the input's name, the index of the frame in it, and either
+//! a [`Picture`] or an error. An input that cannot be read does not stop the inputs after
+//! it.
 //!
-//! A file whose first bytes are those of a PNG, a JPEG or a YUV4MPEG2 stream
-//! is read as such, whatever its name; after that the extension decides, and
-//! what is not called a picture goes to an `ffmpeg` child process, which hands
-//! back YUV4MPEG2 with 8-bit 4:2:0 samples at a constant frame rate, already
-//! turned as the video's rotation says.
+//! The first bytes of a file decide whether it is a PNG, a JPEG or a YUV4MPEG2 stream. For
+//! other files the extension decides. All but pictures go to an `ffmpeg` child process. It
+//! returns YUV4MPEG2 with 8-bit 4:2:0 samples at a constant frame rate, turned as the
+//! video's rotation says.
 //!
-//! Memory: one frame, or one picture and its file, at a time.
+//! Memory: one frame, or one picture and its file, at a time. Cost: decoding.
 
 use std::collections::VecDeque;
 use std::fmt;
@@ -30,12 +29,12 @@ use crate::yuv4mpeg::{UNKNOWN_FPS, YUV4MPEG2_MAGIC, Yuv4MpegReader};
 const VIDEO_EXTENSIONS: [&str; 16] =
     ["mp4", "m4v", "avi", "mkv", "mov", "webm", "mpg", "mpeg", "ogv", "y4m", "wmv", "flv", "ts", "mts", "3gp", "gif"];
 
-/// What a frame is a part of.
+/// The kind of input that a frame is from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
-    /// A picture of its own.
+    /// A picture.
     Still,
-    /// One of the frames of a video.
+    /// A frame of a video.
     Video {
         /// Frames per second as numerator and denominator; 25/1 if unknown.
         fps: (u32, u32),
@@ -45,27 +44,27 @@ pub enum Kind {
 /// One frame of one input.
 #[derive(Debug)]
 pub struct SourceFrame {
-    /// The path as given; for folders, joined with the file's name.
+    /// The path as given; for a file of a folder, the folder joined with the file's name.
     pub source: String,
     /// Index in the video, from 0; 0 for pictures.
     pub frame: u64,
     /// Picture or video.
     pub kind: Kind,
-    /// The frame, or why it could not be read.
+    /// The picture, or why it could not be read.
     pub picture: Result<Picture>,
 }
 
-/// A frame, or the picture that it has yet to be decoded from.
+/// A frame, or a picture that is not decoded yet.
 #[derive(Debug)]
 pub enum Pending {
     /// A picture on disk.
     Still(PathBuf),
-    /// What is there already.
+    /// A frame that is decoded, or an error.
     Frame(SourceFrame),
 }
 
 impl Pending {
-    /// Source, index and kind of the frame.
+    /// The source, the index and the kind of the frame.
     #[must_use]
     pub fn place(&self) -> (String, u64, Kind) {
         match self {
@@ -74,7 +73,7 @@ impl Pending {
         }
     }
 
-    /// The frame; a picture is decoded for it.
+    /// The frame. Decodes the picture when that is not done yet.
     #[must_use]
     pub fn read(self) -> SourceFrame {
         let (source, frame, kind) = self.place();
@@ -89,10 +88,9 @@ impl Pending {
 
 /// All frames of all inputs, in the order given.
 ///
-/// Every picture yields one item. A video yields one per frame, and one more
-/// that holds an error if it breaks off, if ffmpeg complained about it, or if
-/// it has no frames. A path that does not exist or a folder without pictures
-/// yields an error when its turn comes.
+/// A picture yields one item. A video yields one item a frame, and one more with an error
+/// when it breaks off, when ffmpeg reported an error, or when it has no frames. A path that
+/// does not exist and a folder without pictures yield an error at their place in the order.
 #[derive(Debug)]
 pub struct Source {
     waiting: VecDeque<Input>,
@@ -109,11 +107,10 @@ enum Input {
 }
 
 impl Source {
-    /// Lists the inputs, and the files in those that are folders. Nothing is
-    /// decoded yet.
+    /// Lists the inputs, and the files of those that are folders. Decodes nothing.
     ///
     /// # Errors
-    /// Only if `inputs` is empty.
+    /// When `inputs` is empty; never else.
     pub fn open(inputs: &[PathBuf]) -> Result<Self> {
         ensure!(!inputs.is_empty(), "no input: give a picture, a folder of pictures, a video, or - for standard input");
         let mut waiting = VecDeque::new();
@@ -132,14 +129,13 @@ impl Source {
         Ok(Self { waiting, video: None, len })
     }
 
-    /// Number of items from the first to the last, or `None` if there is a
-    /// video among the inputs.
+    /// The number of items; `None` when there is a video among the inputs.
     #[must_use]
     pub fn len_hint(&self) -> Option<u64> {
         self.len
     }
 
-    /// The next frame; pictures are left to be decoded by who wants them.
+    /// The next frame. A picture is not decoded: [`Pending::read`] does that.
     pub fn next_pending(&mut self) -> Option<Pending> {
         loop {
             if let Some(video) = &mut self.video {
@@ -173,9 +169,9 @@ impl Iterator for Source {
     }
 }
 
-/// True if the path is read as a video: `-`, a file that starts like a
-/// YUV4MPEG2 stream, and any name with a video's extension or, if the file
-/// exists, with another extension than a picture's.
+/// Whether a path is read as a video: `-`, a file that starts like a YUV4MPEG2 stream, a
+/// name with a video's extension, and a file that exists and has no extension of a
+/// picture.
 #[must_use]
 pub fn is_video(path: &Path) -> bool {
     if is_stdin(path) {
@@ -213,7 +209,7 @@ fn has_extension(path: &Path, extensions: &[&str]) -> bool {
         .is_some_and(|extension| extensions.iter().any(|e| e.eq_ignore_ascii_case(extension)))
 }
 
-/// The pictures directly inside a folder, by name. Hidden files are left out.
+/// The pictures directly inside a folder, sorted by name, without hidden files.
 fn pictures_in(folder: &Path) -> Result<Vec<PathBuf>> {
     let unreadable = || format!("cannot list the folder {}", folder.display());
     let mut pictures = Vec::new();
@@ -229,7 +225,7 @@ fn pictures_in(folder: &Path) -> Result<Vec<PathBuf>> {
     Ok(pictures)
 }
 
-/// What the first bytes of a file say.
+/// The content of a file by its first bytes.
 enum Content {
     Picture,
     Yuv4Mpeg,
@@ -237,8 +233,8 @@ enum Content {
 }
 
 impl Content {
-    /// `Other` for what is not a plain file, as looking into a pipe would take
-    /// its first bytes away.
+    /// Reads the first bytes of a plain file. Anything else is `Other`: reading from a pipe
+    /// would take its first bytes away.
     fn of(path: &Path) -> Self {
         let mut start = Vec::new();
         if path.is_file()
@@ -292,7 +288,7 @@ impl Video {
         };
         match Yuv4MpegReader::new(stream) {
             Ok(frames) => Ok(Self { source, next_frame: 0, fps: frames.fps, frames: Some(frames), ffmpeg }),
-            // Without a header, ffmpeg's own message says more than ours.
+            // Without a header, ffmpeg's message says more than ours.
             Err(error) => {
                 if let Some(ffmpeg) = ffmpeg {
                     ffmpeg.finish().with_context(|| source.clone())?;
@@ -303,7 +299,7 @@ impl Video {
         }
     }
 
-    /// Reads the next frame. After the last, asks ffmpeg if all was well.
+    /// Reads the next frame. After the last frame, checks whether ffmpeg reported errors.
     fn next_picture(&mut self) -> Option<Result<Picture>> {
         let error = match self.frames.as_mut()?.next_frame() {
             Ok(Some(picture)) => return Some(Ok(picture)),
@@ -311,7 +307,7 @@ impl Video {
             Ok(None) => None,
             Err(error) => Some(error),
         };
-        // Closing the pipe before waiting: ffmpeg may still want to write.
+        // The pipe is closed before the wait: ffmpeg may still want to write.
         self.frames = None;
         let complaint = match self.ffmpeg.take().map(Ffmpeg::finish) {
             Some(Ok(messages)) if !messages.is_empty() => {
@@ -411,7 +407,7 @@ mod tests {
 
     // YUV4MPEG2
 
-    /// All frames of a stream, read as a file.
+    /// Reads all frames of a stream from a file.
     fn frames_of(name: &str, stream: &[u8]) -> Vec<SourceFrame> {
         let folder = Folder::new(name);
         let path = folder.0.join("stream");
