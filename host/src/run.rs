@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
-use std::sync::mpsc::channel;
+use std::sync::mpsc::{Receiver, channel};
 use std::thread;
 
 use anyhow::{Context, Result, anyhow};
@@ -113,10 +113,8 @@ pub fn run(
         for slot in 0..threads {
             let (done, queue) = (done.clone(), &queue);
             scope.spawn(move || {
-                let mut trail = options.track.then(Trail::<Sequence>::default);
-                loop {
-                    let job = queue.lock().map_or(None, |q| q.recv().ok());
-                    let Some((index, frame)) = job else { return };
+                let mut trail = options.track.then(Trail::default);
+                while let Some((index, frame)) = queue.lock().map_or(None, |q| q.recv().ok()) {
                     if done.send((index, search_safely(frame, model, options, slot, &mut trail))).is_err() {
                         return;
                     }
@@ -124,21 +122,30 @@ pub fn run(
             });
         }
         drop(done);
-        // Both ends are dropped when this closure ends, even on an error: then all threads end.
-        let (permit, outcomes) = (permit, outcomes);
-        let mut waiting = BTreeMap::new();
-        let mut next = 0;
-        for (index, outcome) in outcomes {
-            waiting.insert(index, outcome);
-            while let Some(outcome) = waiting.remove(&next) {
-                next += 1;
-                each(outcome)?;
-                // The reader has ended when the source has.
-                let _ = permit.send(());
-            }
-        }
-        Ok(())
+        // Both ends move into the call and are dropped with it, even on an error: then all
+        // threads end.
+        in_order(outcomes, move |outcome| {
+            each(outcome)?;
+            // The reader has ended when the source has.
+            let _ = permit.send(());
+            Ok(())
+        })
     })
+}
+
+/// Calls `each` with the numbered outcomes of a channel, in the order of their numbers from
+/// 0.
+fn in_order(outcomes: Receiver<(u64, Outcome)>, mut each: impl FnMut(Outcome) -> Result<()>) -> Result<()> {
+    let mut waiting = BTreeMap::new();
+    let mut next = 0;
+    for (index, outcome) in outcomes {
+        waiting.insert(index, outcome);
+        while let Some(outcome) = waiting.remove(&next) {
+            next += 1;
+            each(outcome)?;
+        }
+    }
+    Ok(())
 }
 
 /// What a tracker takes for one sequence: a video, or the pictures of a folder, with frames
