@@ -38,14 +38,14 @@ fn a_good_picture_has_a_high_score_and_its_table() {
     assert_eq!(text(&a, "object"), "astronaut");
     assert!((80..=100).contains(&count(&a, "score")), "{a}");
     assert!(list(&a, "table").iter().all(|r| (0.0..=1.0).contains(&number(r, "rate"))), "{a}");
-    // What every change of the detector must keep, and what none can reach.
+    // Every version of the detector must find the object in these cells.
     for (condition, value) in [("scale", 420.0), ("rotation", 180.0), ("tilt", 15.0), ("blur", 1.0), ("noise", 5.0)] {
         assert_eq!(rate(&a, condition, value), 1.0, "{condition} {value}: {a}");
     }
     let structure = &a["structure"];
     assert!(number(structure, "repetition") < 0.4 && number(structure, "contrast") > 40.0, "{a}");
     assert!(!kinds(&a).contains(&"few corners") && !kinds(&a).contains(&"repeated pattern"), "{a}");
-    // The heat map has colour where keygraphs hold and none in the dark corner.
+    // The heat map has colour where keygraphs were found, and none in the dark corner.
     let drawn = pixels(&heat);
     assert_eq!(drawn.dimensions(), (512, 512));
     let colour =

@@ -96,7 +96,8 @@ fn every_profile_answers_in_the_pixels_of_the_input() {
     for profile in ["hd", "qvga", "qqvga"] {
         for (line, reference) in detect(profile).iter().zip(&vga) {
             let right = only(reference);
-            // qqvga sees the object at a quarter: it may miss it, but not misplace it.
+            // At qqvga the object has a quarter of its size: it may be missed, but not found at
+            // a wrong place.
             if profile == "qqvga" && list(line, "detections").is_empty() {
                 continue;
             }
@@ -109,8 +110,8 @@ fn every_profile_answers_in_the_pixels_of_the_input() {
     }
 }
 
-/// A larger input is scaled down, and (x, y) of the detector is told as
-/// ((x + 1/2)/scale - 1/2) of the input.
+/// A larger input is scaled down. The x of the detector is reported as
+/// (x + 1/2) / scale - 1/2 of the input, and so is y.
 #[test]
 fn a_large_or_upright_input_is_answered_in_its_own_pixels() {
     let folder = Folder::new("large");

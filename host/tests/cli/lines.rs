@@ -64,7 +64,7 @@ pub fn only(line: &Value) -> [[f64; 2]; 4] {
     corners(&found[0])
 }
 
-/// Everything that the contract says of the line of a frame that was read.
+/// Asserts everything that the contract says of the line of a frame that was read.
 #[track_caller]
 pub fn assert_line(line: &Value, source: &str, index: u64, sides: (u64, u64)) {
     assert_eq!(text(line, "source"), source);
@@ -97,7 +97,8 @@ pub fn assert_line(line: &Value, source: &str, index: u64, sides: (u64, u64)) {
     }
 }
 
-/// The corners are the images of the corners of a picture of `w` x `h` px.
+/// Asserts that the homography maps the corners of a picture of `w` x `h` px to the corners
+/// of the detection.
 #[track_caller]
 pub fn assert_outline(detection: &Value, [w, h]: [f64; 2], tolerance: f64) {
     let m = numbers::<9>(&detection["homography"]);

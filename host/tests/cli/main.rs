@@ -1,4 +1,4 @@
-//! The program as its users and their scripts meet it.
+//! The program as users and scripts run it.
 //!
 //! In: arguments. Out: standard output, standard error, exit status and files. The
 //! contract: one JSON line a frame and nothing else on standard output, coordinates in
@@ -41,7 +41,7 @@ use program::{Folder, picture, run_in};
 
 static ASTRONAUT: LazyLock<Vec<u8>> = LazyLock::new(|| compact("astronaut", &[]));
 
-/// The compact model of a picture of the repository.
+/// Trains the compact model of a picture of the repository.
 fn compact(name: &str, options: &[&str]) -> Vec<u8> {
     let folder = Folder::new(&format!("compact-{name}{}", options.concat()));
     let model = folder.join("model.kgm");
@@ -51,7 +51,7 @@ fn compact(name: &str, options: &[&str]) -> Vec<u8> {
     fs::read(model).unwrap()
 }
 
-/// The compact model of the astronaut, as a file.
+/// Writes the compact model of the astronaut to a file.
 fn astronaut(folder: &Folder) -> PathBuf {
     folder.file("astronaut.kgm", &ASTRONAUT)
 }

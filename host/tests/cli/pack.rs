@@ -25,7 +25,7 @@ fn packed_models_find_what_each_finds() {
     let names: Vec<_> = list(&report, "objects").iter().map(|o| text(o, "name").to_string()).collect();
     assert_eq!(names, ["astronaut", "coffee"]);
 
-    // The file, and the models given one by one, are the same to detect.
+    // `detect` gives the same results for the packed file and for the models one by one.
     let by_file = keygraph!("detect", "-m", all, frame(17), "--json").ended_with(0);
     let by_two = keygraph!("detect", "-m", astronaut, "-m", coffee, frame(17), "--json").ended_with(0);
     let mut found: Vec<_> =

@@ -8,7 +8,7 @@ use serde_json::Value;
 use crate::lines::{count, text};
 use crate::program::{Folder, frame, picture, pixels, run_in};
 
-/// Trains with `options` and checks what holds for every report.
+/// Trains with `options`, and asserts what holds for every report.
 fn report(name: &str, options: &[&str]) -> Value {
     let folder = Folder::new(&format!("report-{name}{}", options.concat()));
     let model = folder.join("model.kgm");
@@ -67,8 +67,8 @@ fn luma_models_say_so() {
     assert_eq!(text(&report("astronaut", &["--preset", "compact", "--luma"]), "feature"), "luma");
 }
 
-/// Section 1 of the design: every triple of 79 corners, and of these as many
-/// keygraphs, in subsets of such a size, as the paper's rules leave on photographs.
+/// The paper's method takes every triple of 79 corners. On photographs, its rules leave this
+/// many keygraphs, in subsets of this size.
 #[test]
 fn the_paper_preset_counts_as_the_paper_does() {
     for name in ["astronaut", "coffee", "chelsea"] {

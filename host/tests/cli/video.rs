@@ -11,8 +11,8 @@ use crate::astronaut;
 use crate::lines::{assert_line, count, distance, list, only, path, size, text};
 use crate::program::{Folder, assets, frame, pixels, run_in};
 
-/// Makes a video of the first `frames` of the sequence. False, and a line that
-/// cargo does not hide, if there is no ffmpeg.
+/// Makes a video of the first `frames` frames of the sequence. Returns false, and prints a
+/// line that cargo does not hide, when there is no ffmpeg.
 fn make_video(frames: u32, output: &Path) -> bool {
     let made = Command::new("ffmpeg")
         .args(["-v", "error", "-nostdin", "-y", "-framerate", "5", "-i"])
@@ -29,8 +29,8 @@ fn make_video(frames: u32, output: &Path) -> bool {
     true
 }
 
-/// The lines of a video of `frames` frames, each of which shows the astronaut where
-/// the pictures of the sequence do.
+/// Asserts that the lines of a video have `frames` frames, and that each frame has the
+/// astronaut at the place where it is in the pictures of the sequence.
 #[track_caller]
 fn assert_video(lines: &[Value], source: &str, frames: u32) {
     let folder = Folder::new(&format!("compare-{}", source.replace(|c: char| !c.is_alphanumeric(), "")));
@@ -57,7 +57,7 @@ fn a_video_is_read_and_written() {
     let run = keygraph!("detect", "-m", model, clip, "--json", "--annotate", target).ended_with(0);
     assert_video(&run.lines(), &path(&clip), 4);
 
-    // The same into a file, and pictures into a video: all can be read again.
+    // Frames of a video go into a file, and pictures into a video. All can be read again.
     let (again, of_stills) = (folder.join("again.mkv"), folder.join("stills.mp4"));
     keygraph!("detect", "-m", model, clip, "--json", "--annotate", again).ended_with(0);
     keygraph!("detect", "-m", model, frame(0), frame(1), "--json", "--annotate", of_stills).ended_with(0);
@@ -115,7 +115,7 @@ fn a_stream_is_read_from_standard_input() {
     assert_eq!(run.err, "", "standard error");
     assert_video(&run.lines(), "-", 3);
 
-    // Cut off in the last frame: an error of its own, after what came before it.
+    // A stream that is cut off in its last frame gives the frames before it, and an error.
     let run = run_in(&folder.0, &arguments, &stream[..stream.len() - 1000]).ended_with(1).said(&["ends inside"]);
     let lines = run.lines();
     assert_video(&lines[..2], "-", 2);
