@@ -1,4 +1,4 @@
-//! Draws what was found into a picture.
+//! Draws results into a picture.
 //!
 //! In: a [`Canvas`], and results in its pixels, with (0, 0) at the centre of the top
 //! left pixel. Out: the canvas with lines, points and labels on it.

@@ -83,7 +83,7 @@ impl Canvas {
         }
     }
 
-    /// Saves the canvas as PNG, whatever the extension of `path`.
+    /// Saves the canvas as PNG; the extension of `path` does not matter.
     ///
     /// # Errors
     /// When the file cannot be written.

@@ -13,9 +13,9 @@ const SIDE: usize = 200;
 /// Maximum difference of neighbours on a plain surface, of 255. Light falls off slowly;
 /// edges do not.
 const PLAIN: u8 = 8;
-/// One pixel in so many of a row or column may differ by more: dust.
+/// One pixel of this many in a row or column may differ by more: dust.
 const DUST: usize = 50;
-/// A margin is wider than one part in so many of the picture's side.
+/// A margin is wider than the picture's side divided by this.
 const NARROW: usize = 25;
 
 /// The part of `picture` within plain margins, px. `None` unless each of the four margins is

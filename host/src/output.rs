@@ -31,7 +31,7 @@ pub fn check_folder_of(path: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Whether `path` is one of the files `inputs`, under whatever name.
+/// Whether `path` and one of `inputs` are the same file.
 pub fn is_one_of<'a>(path: &Path, inputs: impl IntoIterator<Item = &'a Path>) -> bool {
     let same = |p: &Path| inputs.into_iter().any(|input| fs::canonicalize(input).is_ok_and(|i| i == p));
     fs::canonicalize(path).is_ok_and(|p| same(&p))

@@ -1,7 +1,7 @@
 //! Frames of a camera or a video, in order, through a tracker.
 //!
 //! In: pictures in order, each with the sequence that it belongs to. Out: results with ids
-//! and states. When the sequence changes, the tracker starts anew: no object is followed
+//! and states. When the sequence changes, the tracker is reset: no object is followed
 //! into the new sequence, and no id is used twice.
 //!
 //! Memory: a tracker, some 3 KB. Cost: that of the tracker.

@@ -380,7 +380,7 @@ mod tests {
         ] {
             assert!(text.contains("/dev/video7") && text.contains(words), "{words:?} is not in: {text}");
         }
-        // What nobody thought of is told as the system tells it.
+        // All other errors keep the words of the system.
         assert!(format!("{:#}", explain(io::Error::from_raw_os_error(12), path)).contains("memory"));
     }
 

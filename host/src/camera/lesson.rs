@@ -18,7 +18,7 @@ use crate::input::Picture;
 use crate::learn::{Preset, train_within};
 use crate::search::{Profile, search};
 
-/// What a model shall hold.
+/// How much a model holds, and whether it has chroma.
 #[derive(Clone, Debug)]
 pub struct Plan {
     /// The preset.

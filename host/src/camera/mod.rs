@@ -30,7 +30,7 @@
 //! - [`session`]: the threads beside the search
 //!
 //! Memory: a few frames; it does not grow. Cost: a search a frame, and one encoded JPEG a
-//! frame while somebody looks.
+//! frame while a viewer looks.
 
 pub mod mode;
 pub mod mjpeg;

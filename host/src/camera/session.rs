@@ -1,6 +1,6 @@
 //! The threads beside the search: the source of frames, the page and the broker, signals.
 //!
-//! In: the source of frames, and what shall be served. Out: frames in [`Live`], until the
+//! In: the source of frames, and what to serve. Out: frames in [`Live`], until the
 //! source ends, a signal arrives, or the session is ended. No thread waits for the search.
 //!
 //! Memory and cost: those of the threads.

@@ -71,7 +71,7 @@ struct Web {
 /// How objects are learned on the page, and who gets them.
 #[derive(Debug, Default)]
 pub struct School {
-    /// What a model shall hold.
+    /// How much a model holds, and whether it has chroma.
     pub plan: Plan,
     /// The command that waits for the first object, if any. It ends the page.
     pub errand: Option<Errand>,

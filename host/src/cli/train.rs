@@ -73,7 +73,7 @@ pub fn name_of(file: &Path) -> String {
 /// When the picture cannot be read or used, or the model cannot be written.
 pub fn run(arguments: &Arguments) -> Result<()> {
     if !arguments.lesson.from_camera && arguments.lesson.origin.is_given() {
-        usage_error(ErrorKind::ArgumentConflict, "a camera or --replay is only looked at with --from-camera");
+        usage_error(ErrorKind::ArgumentConflict, "a camera or --replay is only used with --from-camera");
     }
     // Training takes a second: what would fail after it is checked before it.
     check_folder_of(&arguments.output)?;
@@ -136,7 +136,7 @@ fn warn(label: &str, learned: &Learned, model: &Model<'_>) -> Result<()> {
     if learned.name.len() > NAME_BYTES {
         eprintln!("keygraph: the name was cut to {NAME_BYTES} bytes: {}", model.object(0).name);
     }
-    // The paper's method is there to compare with: nobody shall find objects by it.
+    // The paper's method is for comparison: its models need no advice.
     if model.method() != Method::Keygraph {
         return Ok(());
     }

@@ -28,6 +28,6 @@ pub fn model_size(text: &str) -> Result<usize, String> {
     const MOST: usize = 64 << 20;
     match text.parse() {
         Ok(v) if v <= MOST => Ok(v),
-        _ => Err(format!("a number of bytes up to {MOST}, please")),
+        _ => Err(format!("give a number of bytes up to {MOST}")),
     }
 }
