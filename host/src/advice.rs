@@ -131,16 +131,19 @@ pub fn limits(structure: &Structure, sweep: Option<&Sweep>) -> Vec<Limit> {
     limits
 }
 
+/// Adds a limit when its condition holds.
+fn add(limits: &mut Vec<Limit>, holds: bool, kind: &'static str, text: String) {
+    if holds {
+        limits.push(Limit { kind, text });
+    }
+}
+
 /// Limits by facts about the picture.
 fn limits_of_picture(s: &Structure) -> Vec<Limit> {
     let mut limits = Vec::new();
-    let mut add = |holds: bool, kind, text: String| {
-        if holds {
-            limits.push(Limit { kind, text });
-        }
-    };
     let (w, h) = s.size;
     add(
+        &mut limits,
         s.repetition > REPETITION,
         "repeated pattern",
         format!(
@@ -149,6 +152,7 @@ fn limits_of_picture(s: &Structure) -> Vec<Limit> {
         ),
     );
     add(
+        &mut limits,
         s.keypoints < FEW_KEYPOINTS || s.spread < SPREAD,
         "few corners",
         format!(
@@ -158,17 +162,25 @@ fn limits_of_picture(s: &Structure) -> Vec<Limit> {
         ),
     );
     add(
+        &mut limits,
         s.contrast < CONTRAST,
         "low contrast",
         format!("low contrast: luma varies by {:.0} of 255; take the picture in better light", s.contrast),
     );
     add(
+        &mut limits,
         is_small(s.size),
         "small",
         format!("small: {w}x{h} px show little detail; take a larger one, of {SMALL_PX} px or more"),
     );
-    add(is_elongated(s.size), "elongated", format!("elongated: {w}x{h} px; take a part that is more nearly square"));
     add(
+        &mut limits,
+        is_elongated(s.size),
+        "elongated",
+        format!("elongated: {w}x{h} px; take a part that is more nearly square"),
+    );
+    add(
+        &mut limits,
         s.luma_only,
         "no chroma",
         "no chroma: luma alone tells it from others; if object and camera have colour, take a picture in colour".into(),
@@ -179,12 +191,8 @@ fn limits_of_picture(s: &Structure) -> Vec<Limit> {
 /// Limits by results in rendered frames.
 fn limits_in_frames(sweep: &Sweep) -> Vec<Limit> {
     let mut limits = Vec::new();
-    let mut add = |holds: bool, kind, text: String| {
-        if holds {
-            limits.push(Limit { kind, text });
-        }
-    };
     add(
+        &mut limits,
         sweep.wrong as f32 > WRONG * frames(sweep.views) as f32,
         "wrong places",
         format!(
@@ -196,6 +204,7 @@ fn limits_in_frames(sweep: &Sweep) -> Vec<Limit> {
     let turned = sweep.rows.iter().filter(|r| r.condition == Condition::Rotation).map(|r| r.rate(sweep.views));
     let weak = turned.clone().any(|rate| rate < RELIABLE);
     add(
+        &mut limits,
         weak,
         "weak",
         format!(

@@ -10,6 +10,7 @@ mod program;
 
 use camera_live::{Live, outline, truth};
 use keygraph::render::corner_error;
+use keygraph_core::model::MAGIC;
 use program::{Folder, frame, keygraph, picture};
 use serde_json::json;
 
@@ -53,7 +54,7 @@ fn an_object_is_learned_from_a_frame_and_removed_again() {
     let models = live.get("/status").json()["models"].clone();
     assert_eq!(models[0]["objects"][0]["name"], "me & you");
     let saved = live.get(&format!("/models/{}", models[0]["id"]));
-    assert!(saved.body.starts_with(&keygraph_core::model::MAGIC));
+    assert!(saved.body.starts_with(&MAGIC));
     assert_eq!(live.ask("DELETE", &format!("/models/{}", models[0]["id"]), &[], b"").status, 204);
     live.frame_with(|f| f.line["detections"] == json!([]));
     assert_eq!(live.ask("POST", "/models?name=again", &[], &saved.body).status, 201);
