@@ -1,7 +1,8 @@
-//! A video or a folder of pictures as a camera: into a device of `v4l2loopback`.
+//! Plays a video or a folder of pictures into a device of `v4l2loopback`, as a camera.
 //!
-//! In: a device, a pixel format, frames of one size, and a rate. Out: the frames, again
-//! and again, by plain `write`, until it is ended: whatever reads cameras reads them.
+//! In: a device, a pixel format, frames of one size, and a rate. Out: the frames, written
+//! to the device again and again until the program is stopped. Programs that read cameras
+//! can read them.
 //!
 //! ```sh
 //! sudo apt-get install v4l2loopback-dkms libclang-dev && sudo modprobe v4l2loopback
@@ -9,10 +10,10 @@
 //! keygraph camera --device 0 -m astronaut.kgm --web
 //! ```
 //!
-//! The format is YUYV, MJPG, GREY or NV12. `CUT` after MJPG loses the second half of every
-//! third frame, as a bad cable does.
+//! The format is YUYV, MJPG, GREY or NV12. `CUT` as the last argument drops the second half
+//! of every third frame, as a bad cable does.
 //!
-//! Memory: all frames, as the device takes them. Cost: a copy a frame.
+//! Memory: all frames in the format of the device. Cost: a copy a frame.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -30,7 +31,7 @@ use keygraph_core::frame::PixelFormat;
 use v4l::video::Output;
 use v4l::{Device, Format, FourCC};
 
-/// Of the JPEGs that are written.
+/// Quality of the JPEGs, of 100.
 const QUALITY: u8 = 90;
 
 fn main() -> Result<()> {
@@ -69,7 +70,7 @@ fn main() -> Result<()> {
     Ok(())
 }
 
-/// A frame as the device takes it.
+/// Encodes a picture in the format of the device.
 fn encode(picture: &Picture, format: &str) -> Result<Vec<u8>> {
     let to = match format {
         "YUYV" => PixelFormat::Yuyv,
@@ -83,7 +84,7 @@ fn encode(picture: &Picture, format: &str) -> Result<Vec<u8>> {
         }
         _ => bail!("{format} is none of YUYV, MJPG, GREY, NV12"),
     };
-    // Of any size: it is not made smaller.
+    // Without a limit on the size, the picture is not scaled.
     let whole = fit(picture, usize::MAX, usize::MAX);
     Ok(sense(whole.format, (whole.width, whole.height), &whole.data, to).2)
 }

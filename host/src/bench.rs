@@ -1,9 +1,11 @@
-//! The detector as a benchmark: the same frames again and again, on one thread.
+//! The detector as a benchmark: searches the same frames again and again, on one thread.
 //!
-//! In: decoded frames and a model. Out: what each stage takes, in time and in memory,
-//! and a digest of all results, the same on every machine. Each pass must give what the
-//! first gave, which is not timed. Beside the stages that read every pixel stands the
-//! time of a plain copy of as many bytes in the same run.
+//! In: decoded frames and a model. Out: the time and the memory of each stage, and a digest
+//! of all results, which is the same on every machine. The first pass is not timed; each
+//! later pass must give the same results. For stages that read every pixel, the same run
+//! also times a plain copy of as many bytes.
+//!
+//! Memory: all frames. Cost: a search a frame and pass.
 
 use std::hint::black_box;
 use std::time::Instant;
@@ -18,17 +20,17 @@ use keygraph_core::track::Tracker;
 use crate::input::Picture;
 use crate::search::{Found, Request, follow, prepare, search_for};
 
-/// Milliseconds of one thing over all frames; of each frame the median pass counts.
+/// Times over all frames, ms. The time of a frame is the median of its passes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Times {
-    /// Median.
+    /// Median of the frames.
     pub median: f64,
-    /// What 95 of 100 frames stay under.
+    /// 95th percentile of the frames.
     pub p95: f64,
 }
 
 impl Times {
-    /// Of nanoseconds: passes within frames.
+    /// Times from nanoseconds, by frame and pass.
     fn new(frames: &mut [Vec<u64>]) -> Self {
         let mut medians: Vec<u64> = frames.iter_mut().filter_map(|f| at(f, 0.5)).collect();
         let mut ms = |part| at(&mut medians, part).unwrap_or(0) as f64 / 1e6;
@@ -36,85 +38,98 @@ impl Times {
     }
 }
 
-/// The value that this part of all values lies under.
+/// The quantile `part` (0 to 1) of some values; `None` when there is no value. Sorts them.
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "an index")]
 fn at(values: &mut [u64], part: f64) -> Option<u64> {
     values.sort_unstable();
     values.get(((values.len() as f64 * part) as usize).min(values.len().saturating_sub(1))).copied()
 }
 
-/// What one stage did.
+/// The cost of one stage.
 #[derive(Clone, Copy, Debug)]
 pub struct StageCost {
     /// The stage.
     pub stage: Stage,
-    /// How long it took.
+    /// Times of the stage.
     pub times: Times,
-    /// What it lost to full buffers in all frames.
+    /// Number of elements that full buffers dropped in all frames.
     pub dropped: u64,
-    /// Bytes read and written, where every pixel is, in the largest frame.
+    /// Bytes read and written in the largest frame; `None` for a stage that does not read
+    /// every pixel.
     pub moved: Option<usize>,
-    /// Median of a plain copy that moves as many, ms.
+    /// Median time of a plain copy that moves as many bytes, ms.
     pub copy_ms: Option<f64>,
 }
 
-/// What one buffer holds.
+/// The use of one buffer.
 #[derive(Clone, Copy, Debug)]
 pub struct Held {
     /// The buffer.
     pub buffer: Buffer,
-    /// Its bytes and its capacity.
+    /// Bytes and capacity of the buffer.
     pub room: Room,
-    /// Most elements it held in any frame.
+    /// Maximum number of elements that it held in any frame.
     pub high_water: u32,
 }
 
-/// How long frames of a sequence take when what was found is followed.
+/// Times of the frames as a sequence, with a tracker.
 #[derive(Clone, Copy, Debug)]
 pub struct Tracking {
-    /// Frames that were only followed.
+    /// Number of frames in which objects were only followed.
     pub followed: usize,
-    /// What they took.
+    /// Times of the frames in which objects were only followed.
     pub times: Times,
-    /// What frames took that were searched too.
+    /// Times of the frames that were searched too.
     pub searched: Times,
 }
 
-/// What a benchmark found out.
+/// The result of a benchmark.
 #[derive(Clone, Debug)]
 pub struct Bench {
-    /// Frames of a pass.
+    /// Number of frames of a pass.
     pub frames: usize,
-    /// Passes that were timed.
+    /// Number of passes that were timed.
     pub passes: usize,
-    /// Detections in a pass.
+    /// Number of detections in a pass.
     pub detections: usize,
-    /// A number that stands for all that every stage made.
+    /// Digest of the output of all stages in all frames.
     pub digest: u32,
-    /// From decoded pixels to detections.
+    /// Times from decoded pixels to detections.
     pub total: Times,
-    /// By stage.
+    /// The cost of each stage.
     pub stages: Vec<StageCost>,
-    /// Bytes of the detector.
+    /// Size of the detector in bytes.
     pub detector_bytes: usize,
-    /// By buffer.
+    /// The use of each buffer.
     pub buffers: Vec<Held>,
-    /// The same frames as a sequence.
+    /// Times of the same frames as a sequence; `None` unless asked for.
     pub tracking: Option<Tracking>,
 }
 
-/// Searches `pictures` once and then `passes` times more, on this thread.
+/// What a benchmark does.
+#[derive(Clone, Copy, Debug)]
+pub struct Plan {
+    /// How frames are searched.
+    pub request: Request,
+    /// Number of passes that are timed.
+    pub passes: usize,
+    /// Whether the frames are also followed as a sequence.
+    pub track: bool,
+}
+
+/// Searches `pictures` once, and then as often as `plan` says, on this thread.
 ///
 /// # Errors
-/// When there is no picture, one is too small, or a pass differs from the first.
-pub fn bench(pictures: &[Picture], model: &Model<'_>, request: &Request, passes: usize, track: bool) -> Result<Bench> {
+/// When there is no picture, a picture is too small, or a pass differs from the first.
+pub fn bench(pictures: &[Picture], model: &Model<'_>, plan: &Plan) -> Result<Bench> {
+    let Plan { request, passes, track } = plan;
     ensure!(!pictures.is_empty(), "no frame could be read");
     let told = Request { digests: true, ..*request };
     let first = pictures.iter().map(|p| search_for(p, model, &told, 0)).collect::<Result<Vec<Found>>>()?;
 
     let mut total = vec![Vec::new(); pictures.len()];
     let mut ticks = vec![vec![Vec::new(); pictures.len()]; Stage::COUNT];
-    for pass in 1..=passes {
+    for pass in 1..=*passes {
         for (i, (picture, first)) in pictures.iter().zip(&first).enumerate() {
             let found = search_for(picture, model, request, 0)?;
             let same = outcome(&found) == outcome(first);
@@ -142,7 +157,7 @@ pub fn bench(pictures: &[Picture], model: &Model<'_>, request: &Request, passes:
     });
     Ok(Bench {
         frames: pictures.len(),
-        passes,
+        passes: *passes,
         detections: first.iter().map(|f| f.detections.len()).sum(),
         digest: digest(&first),
         stages: stages.collect(),
@@ -153,13 +168,13 @@ pub fn bench(pictures: &[Picture], model: &Model<'_>, request: &Request, passes:
     })
 }
 
-/// What must not differ between passes, bit by bit.
+/// The results that must be equal in all passes, bit by bit.
 fn outcome(found: &Found) -> Vec<(u16, [u32; 9], u32)> {
     let bits = |d: &Detection| (d.object, d.homography.0.map(f32::to_bits), d.score.to_bits());
     found.detections.iter().map(bits).collect()
 }
 
-/// One number of the digests of all frames.
+/// One digest of the digests of all frames.
 fn digest(found: &[Found]) -> u32 {
     let mut all = Digest::new();
     for digests in found.iter().filter_map(|f| f.digests) {
@@ -168,7 +183,7 @@ fn digest(found: &[Found]) -> u32 {
     all.value()
 }
 
-/// The frames as a sequence, followed.
+/// Times the frames as a sequence, with a tracker.
 fn tracked(pictures: &[Picture], model: &Model<'_>, request: &Request) -> Result<Tracking> {
     let mut tracker = Tracker::new();
     let (mut followed, mut searched) = (Vec::new(), Vec::new());
@@ -180,26 +195,27 @@ fn tracked(pictures: &[Picture], model: &Model<'_>, request: &Request) -> Result
     Ok(Tracking { followed: followed.len(), times: Times::new(&mut followed), searched: Times::new(&mut searched) })
 }
 
-/// Pixels and bytes of a picture as the detector takes it.
+/// Number of pixels and bytes of a picture as the detector takes it.
 fn frame_size(picture: &Picture, request: &Request) -> (usize, usize) {
     let frame = prepare(picture, request.profile, request.format);
     (frame.width * frame.height, frame.data.len())
 }
 
-/// Bytes that a stage reads and writes where it looks at every pixel of a frame.
+/// Bytes that a stage reads and writes; `None` for a stage that does not read every pixel.
+/// `luma` is the number of pixels of the frame, `bytes` its size.
 fn bytes_moved((luma, bytes): (usize, usize), stage: Stage) -> Option<usize> {
     let planes = luma + luma / 2;
     match stage {
         Stage::Convert => Some(bytes + planes),
-        // Each level is read to make the next, a quarter of it.
+        // Each level is read to make the next one, which has a quarter of its pixels.
         Stage::Pyramid => Some(planes * 21 / 16 + planes * 21 / 64),
-        // The three levels that corners are looked for on, read.
+        // Three levels are read for corners.
         Stage::Corners => Some(luma * 21 / 16),
         _ => None,
     }
 }
 
-/// Milliseconds that a copy takes which reads and writes so many bytes together.
+/// Median time, ms, of a copy that reads and writes `moved` bytes together.
 fn copy_ms(moved: usize) -> f64 {
     const TIMES: usize = 31;
     let (source, mut copy) = (vec![1u8; moved / 2], vec![0u8; moved / 2]);

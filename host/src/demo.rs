@@ -1,13 +1,15 @@
-//! The main job on the pictures of the repository.
+//! The whole path on the pictures of the repository.
 //!
-//! In: `assets/`. Out: models and annotated frames in a folder, and a summary in
-//! words, checked against the known poses of the rendered sequence.
+//! In: `assets/`. Out: a model and annotated frames in a folder, and a summary in words:
+//! results are compared with the known poses of the rendered sequence. Memory: two models
+//! and some frames. Cost: two trainings and 48 searches.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
-use keygraph_core::detect::DEFAULT_THRESHOLD;
+use keygraph_core::detect::{DEFAULT_THRESHOLD, Detection};
+use keygraph_core::geometry::Homography;
 use keygraph_core::model::Model;
 use keygraph_core::train::Trained;
 use serde_json::Value;
@@ -20,21 +22,22 @@ use crate::render::{RIGHT, corner_error};
 use crate::run::{Options, default_threads, run};
 use crate::search::Profile;
 
-/// The objects of the sequence; each has a picture of its name.
+/// The objects of the sequence. Each has a picture with its name.
 pub const OBJECTS: [&str; 2] = ["astronaut", "coffee"];
 
-/// How one object fared.
+/// The results for one object.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Tally {
-    /// Frames that show it.
+    /// Number of frames that show the object.
     pub shown: usize,
-    /// Of these, frames in which it was found at the right place.
+    /// Number of frames in which the object was found at the right place.
     pub found: usize,
-    /// Detections elsewhere, or in frames that do not show it.
+    /// Number of detections at a wrong place, or in frames that do not show the object.
     pub wrong: usize,
 }
 
-/// Trains on the picture of one of the [`OBJECTS`]: its path, the model, what was done.
+/// Trains on the picture of one of the [`OBJECTS`]. Returns the path of the picture, the
+/// model and the report.
 fn learn(assets: &Path, name: &str, preset: Preset) -> Result<(PathBuf, Vec<u8>, Trained)> {
     let path = assets.join("pictures").join(name).with_extension("jpg");
     let (model, trained) = train(&read_picture(&path)?, name, preset, false)?;
@@ -44,14 +47,14 @@ fn learn(assets: &Path, name: &str, preset: Preset) -> Result<(PathBuf, Vec<u8>,
 /// The folder of frames, and one model of all [`OBJECTS`].
 ///
 /// # Errors
-/// When the assets are not there.
+/// When the assets cannot be read.
 pub fn sample(assets: &Path, preset: Preset) -> Result<(PathBuf, Vec<u8>)> {
     let sequence = sequence(assets)?;
     let models = OBJECTS.iter().map(|name| Ok(learn(assets, name, preset)?.1)).collect::<Result<Vec<_>>>()?;
     Ok((sequence, merge(&models)?))
 }
 
-/// The folder of frames under `assets`.
+/// The folder of frames in `assets`.
 fn sequence(assets: &Path) -> Result<PathBuf> {
     let sequence = assets.join("sequence");
     ensure!(
@@ -62,16 +65,33 @@ fn sequence(assets: &Path) -> Result<PathBuf> {
     Ok(sequence)
 }
 
-/// Trains on the pictures under `assets`, searches the sequence and leaves models
-/// and annotated frames under `out`. Prints as it goes.
+/// Trains on the pictures in `assets`, searches the sequence, and writes the model and
+/// annotated frames to `out`. Prints a summary.
 ///
 /// # Errors
-/// When the assets are not there, or `out` cannot be written.
+/// When the assets cannot be read, or `out` cannot be written.
 pub fn demo(assets: &Path, out: &Path) -> Result<[Tally; 2]> {
     let sequence = sequence(assets)?;
     let frames = out.join("frames");
     fs::create_dir_all(&frames).with_context(|| format!("cannot make the folder {}", frames.display()))?;
+    let packed = train_objects(assets)?;
+    let model_path = out.join("demo.kgm");
+    fs::write(&model_path, &packed).with_context(|| format!("cannot write {}", model_path.display()))?;
+    let tallies = search_sequence(&Model::parse(&packed)?, &sequence, &frames)?;
+    for (name, t) in OBJECTS.iter().zip(&tallies) {
+        println!(
+            "  {name}: found in {} of the {} frames that show it; {} wrong.",
+            t.found,
+            t.shown,
+            if t.wrong == 0 { "none".into() } else { t.wrong.to_string() }
+        );
+    }
+    println!("Look at {}; the model is {}.", frames.display(), model_path.display());
+    Ok(tallies)
+}
 
+/// Trains on all [`OBJECTS`] and merges their models. Prints a line an object.
+fn train_objects(assets: &Path) -> Result<Vec<u8>> {
     let mut models = Vec::new();
     for name in OBJECTS {
         let (path, model, trained) = learn(assets, name, Preset::Large)?;
@@ -84,16 +104,18 @@ pub fn demo(assets: &Path, out: &Path) -> Result<[Tally; 2]> {
         );
         models.push(model);
     }
-    let packed = merge(&models)?;
-    let model_path = out.join("demo.kgm");
-    fs::write(&model_path, &packed).with_context(|| format!("cannot write {}", model_path.display()))?;
-    let model = Model::parse(&packed)?;
+    merge(&models)
+}
 
+/// Searches the sequence, writes annotated frames, and compares the results with the true
+/// poses. Prints the number of frames and the median time.
+fn search_sequence(model: &Model<'_>, sequence: &Path, frames: &Path) -> Result<[Tally; 2]> {
     let truth = fs::read_to_string(sequence.join("truth.json")).context("the true poses of the sequence")?;
     let truth: Value = serde_json::from_str(&truth)?;
-    let mut source = Source::open(std::slice::from_ref(&sequence))?;
+    let inputs = [sequence.to_path_buf()];
+    let mut source = Source::open(&inputs)?;
     let progress = Progress::new(source.len_hint(), "frames");
-    let mut gallery = Gallery::new(&frames, std::slice::from_ref(&sequence))?;
+    let mut gallery = Gallery::new(frames, &inputs)?;
     let options = Options {
         profile: Profile::Vga,
         threshold: DEFAULT_THRESHOLD,
@@ -107,20 +129,15 @@ pub fn demo(assets: &Path, out: &Path) -> Result<[Tally; 2]> {
     };
     let mut tallies = [Tally::default(); 2];
     let mut times = Vec::new();
-    let mut index = 0;
-    run(&mut source, &model, &options, |outcome| {
+    run(&mut source, model, &options, |outcome| {
         let searched = outcome.result?;
         for (o, tally) in tallies.iter_mut().enumerate() {
-            let h = true_pose(&truth[index]["objects"][OBJECTS[o]]);
             let object = model.object(o);
-            let quad = h.map(|h| h.outline(object.width as f32, object.height as f32));
+            let map = true_pose(&truth[times.len()]["objects"][OBJECTS[o]]);
+            let outline = map.map(|h| h.outline(object.width as f32, object.height as f32));
             let mine = searched.found.detections.iter().filter(|d| usize::from(d.object) == o);
-            let right = mine.clone().any(|d| quad.is_some_and(|q| corner_error(&d.corners, &q) < RIGHT));
-            tally.shown += usize::from(quad.is_some());
-            tally.found += usize::from(right);
-            tally.wrong += mine.count() - usize::from(right);
+            tally.count(mine, outline.as_ref());
         }
-        index += 1;
         times.push(searched.found.total_ns);
         if let Some(c) = &searched.canvas {
             gallery.add(&outcome.source, outcome.kind, c)?;
@@ -134,23 +151,30 @@ pub fn demo(assets: &Path, out: &Path) -> Result<[Tally; 2]> {
     times.sort_unstable();
     let median = times.get(times.len() / 2).copied().unwrap_or(0);
     println!(
-        "Searched {index} frames of 640x480 for both objects at once, {:.0} ms each (median).",
+        "Searched {} frames of 640x480 for both objects at once, {:.0} ms each (median).",
+        times.len(),
         median as f64 / 1e6
     );
-    for (name, t) in OBJECTS.iter().zip(&tallies) {
-        println!(
-            "  {name}: found in {} of the {} frames that show it; {} wrong.",
-            t.found,
-            t.shown,
-            if t.wrong == 0 { "none".into() } else { t.wrong.to_string() }
-        );
-    }
-    println!("Look at {}; the model is {}.", frames.display(), model_path.display());
     Ok(tallies)
 }
 
+impl Tally {
+    /// Counts the detections of the object in one frame; `truth` is its true outline, `None`
+    /// when the frame does not show it.
+    fn count<'a>(&mut self, detections: impl Iterator<Item = &'a Detection> + Clone, truth: Option<&[[f32; 2]; 4]>) {
+        let is_right = |d: &Detection| truth.is_some_and(|t| corner_error(&d.corners, t) < RIGHT);
+        let found = detections.clone().any(is_right);
+        self.shown += usize::from(truth.is_some());
+        self.found += usize::from(found);
+        self.wrong += detections.count() - usize::from(found);
+    }
+}
+
+/// The map from picture px to frame px in an entry of `truth.json`; `None` when the frame
+/// does not show the object.
+#[must_use]
 #[allow(clippy::cast_possible_truncation, reason = "a pose")]
-fn true_pose(v: &Value) -> Option<keygraph_core::geometry::Homography> {
-    let v: Vec<f32> = v.as_array()?.iter().filter_map(Value::as_f64).map(|f| f as f32).collect();
-    v.try_into().ok().map(keygraph_core::geometry::Homography)
+pub fn true_pose(entry: &Value) -> Option<Homography> {
+    let v: Vec<f32> = entry.as_array()?.iter().filter_map(Value::as_f64).map(|f| f as f32).collect();
+    v.try_into().ok().map(Homography)
 }

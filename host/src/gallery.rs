@@ -1,7 +1,8 @@
-//! Where annotated frames go.
+//! Writes annotated frames.
 //!
-//! In: canvases in the order of the frames. Out: pictures in a folder, one
-//! picture, or a video, by what the path given to `--annotate` looks like.
+//! In: canvases in the order of the frames. Out: pictures in a folder, one picture, or a
+//! video; the path given to `--annotate` decides. Memory: the names of the files written.
+//! Cost: encoding.
 
 use std::collections::HashSet;
 use std::fs;
@@ -9,20 +10,20 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
 
-use crate::annotate::Canvas;
+use crate::canvas::Canvas;
 use crate::input::Kind;
+use crate::picture::{EXTENSIONS, extension};
 use crate::video::VideoWriter;
 
 const VIDEOS: [&str; 6] = ["mp4", "m4v", "mov", "mkv", "avi", "webm"];
-const PICTURES: [&str; 3] = ["png", "jpg", "jpeg"];
-/// Frame rate of a video made of pictures.
+/// Frame rate of a video that is made of stills.
 const STILLS_FPS: (u32, u32) = (10, 1);
 
-/// Writes annotated frames.
+/// The place for annotated frames.
 #[derive(Debug)]
 pub struct Gallery {
     target: Target,
-    /// Resolved paths that are read, and must not be written.
+    /// Resolved paths of the inputs, which must not be overwritten.
     inputs: HashSet<PathBuf>,
     written: HashSet<PathBuf>,
     video: Option<Running>,
@@ -44,17 +45,17 @@ struct Running {
 }
 
 impl Gallery {
-    /// Decides by the extension of `path`; a folder is made. None of `inputs` will
-    /// be overwritten, nor anything in a folder among them.
+    /// Makes a gallery; the extension of `path` decides what it writes, and without one it
+    /// makes a folder. No file of `inputs` will be overwritten, nor a file in a folder among
+    /// them.
     ///
     /// # Errors
     /// When the folder cannot be made.
     pub fn new(path: &Path, inputs: &[PathBuf]) -> Result<Self> {
-        let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
-        let target = match extension.as_str() {
+        let target = match extension(path).as_str() {
             _ if path.is_dir() => Target::Folder(path.into()),
             e if VIDEOS.contains(&e) => Target::Video(path.into()),
-            e if PICTURES.contains(&e) => Target::Picture(path.into()),
+            e if EXTENSIONS.contains(&e) => Target::Picture(path.into()),
             _ => {
                 fs::create_dir_all(path).with_context(|| format!("cannot make the folder {}", path.display()))?;
                 Target::Folder(path.into())
@@ -67,8 +68,8 @@ impl Gallery {
     /// Adds a frame.
     ///
     /// # Errors
-    /// When it cannot be written, would overwrite its own source, or does not fit
-    /// what was written before.
+    /// When the frame cannot be written, would overwrite an input, or does not fit the frames
+    /// before it.
     pub fn add(&mut self, source: &str, kind: Kind, canvas: &Canvas) -> Result<()> {
         let fps = match kind {
             Kind::Video { fps } => Some(fps),
@@ -99,9 +100,8 @@ impl Gallery {
             }
             (Target::Folder(folder), None) => {
                 let name = Path::new(source).file_name().unwrap_or_default();
-                let extension = Path::new(name).extension().map(|e| e.to_string_lossy().to_lowercase());
                 let mut path = folder.join(name);
-                if !extension.is_some_and(|e| PICTURES.contains(&e.as_str())) {
+                if !EXTENSIONS.contains(&extension(Path::new(name)).as_str()) {
                     path = path.with_extension("png");
                 }
                 let path = self.free(path);
@@ -110,7 +110,7 @@ impl Gallery {
         }
     }
 
-    /// `path`, or with a number if this run has written it already.
+    /// `path`, with a number added when this run has written it already.
     fn free(&self, path: PathBuf) -> PathBuf {
         let numbered = |n: usize| {
             let extension = path.extension().unwrap_or_default().to_string_lossy();
@@ -164,7 +164,7 @@ impl Gallery {
         self.video.take().map_or(Ok(()), |v| v.writer.finish())
     }
 
-    /// Ends what is being written.
+    /// Completes the video, if one is being written.
     ///
     /// # Errors
     /// When a video cannot be finished.

@@ -1,23 +1,24 @@
-//! A map of which parts of a picture carry keygraphs.
+//! A map of the parts of a picture that carry keygraphs.
 //!
-//! In: triangles in picture px. Out: their density on a coarse grid, and the
-//! picture with it drawn over: dark where nothing carries, then blue, red, yellow
-//! and white. A triangle counts 1, spread evenly over its area. Memory: a float
-//! for each of at most 128 x 128 fields. Cost: the fields that a triangle covers.
+//! In: triangles in picture px. Out: their density on a coarse grid, and the picture in the
+//! colours of the density: dark where there is none, then blue, red, yellow and white. A
+//! triangle counts 1, spread evenly over its area. Memory: a float for each of at most
+//! 128 x 128 fields. Cost: the fields that a triangle covers.
 
 use keygraph_core::geometry::{area, contains};
 
-use crate::annotate::Canvas;
-use crate::input::{Picture, Pixels};
+use crate::canvas::Canvas;
+use crate::picture::{Picture, Pixels};
+use crate::scaling::scaled;
 
-/// Fields along the longer side.
+/// Number of fields along the longer side.
 const FIELDS: u32 = 128;
-/// Colours from no density to the full one.
+/// Colours from no density to full density.
 const RAMP: [[f32; 3]; 5] =
     [[0.0, 0.0, 0.0], [40.0, 40.0, 170.0], [220.0, 40.0, 60.0], [255.0, 200.0, 40.0], [255.0, 255.0, 220.0]];
-/// The part of the fields that are drawn in the full colour.
+/// Share of the fields that get the last colour.
 const BRIGHTEST: f32 = 0.02;
-/// What remains of the picture's brightness.
+/// Share of the picture's brightness in the drawing.
 const PICTURE: f32 = 0.3;
 
 /// Density of keygraphs over a picture.
@@ -31,7 +32,7 @@ pub struct Heat {
 }
 
 impl Heat {
-    /// Nothing on a picture of `width` x `height` px.
+    /// An empty map of a picture of `width` x `height` px.
     #[must_use]
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most FIELDS")]
     pub fn new(width: u32, height: u32) -> Self {
@@ -44,13 +45,13 @@ impl Heat {
     /// Adds a triangle, picture px.
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to the fields")]
     pub fn add(&mut self, triangle: [[f32; 2]; 3]) {
-        let mut t = triangle.map(|p| p.map(|v| (v + 0.5) * self.scale - 0.5));
+        let mut t = triangle.map(|p| p.map(|v| scaled(v, self.scale)));
         let mut size = area(&t);
         if size < 0.0 {
             t.swap(1, 2);
             size = -size;
         }
-        // One smaller than a field may hold no field's middle.
+        // A triangle smaller than a field may contain no centre of a field.
         if !(1.0..f32::MAX).contains(&size) {
             return;
         }
@@ -67,13 +68,13 @@ impl Heat {
         }
     }
 
-    /// The part of the picture that carries any.
+    /// The share of the picture that carries keygraphs, 0 to 1.
     #[must_use]
     pub fn carrying(&self) -> f32 {
         self.density.iter().filter(|&&d| d > 0.0).count() as f32 / self.density.len() as f32
     }
 
-    /// The picture, darkened, in the colours of the density.
+    /// Draws the picture, darkened, in the colours of the density.
     #[must_use]
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to a byte")]
     pub fn draw(&self, picture: &Picture) -> Canvas {
@@ -83,8 +84,8 @@ impl Heat {
         let whole = Canvas::from_picture(picture);
         let (w, pixels) = (picture.width as usize, whole.rgb().as_chunks::<3>().0);
         let rgb = pixels.iter().enumerate().flat_map(|(i, p)| {
-            let at = |v: usize| (v as f32 + 0.5) * self.scale - 0.5;
-            // The square root shows the weak parts too.
+            let at = |v: usize| scaled(v as f32, self.scale);
+            // The square root makes weak parts visible.
             let heat = (self.at(at(i % w), at(i / w)) / full).min(1.0).sqrt();
             let colour = ramp(heat);
             let gray = p.iter().map(|&v| f32::from(v)).sum::<f32>() / 3.0;
@@ -94,7 +95,7 @@ impl Heat {
         Canvas::from_picture(&Picture { width: picture.width, height: picture.height, pixels })
     }
 
-    /// Bilinear, in fields.
+    /// The density at a point, in fields; interpolated bilinearly.
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to the fields")]
     fn at(&self, x: f32, y: f32) -> f32 {
         let (x, y) = (x.clamp(0.0, self.width as f32 - 1.0), y.clamp(0.0, self.height as f32 - 1.0));

@@ -1,51 +1,40 @@
-//! Reads pictures, folders, videos and streams as one sequence of frames.
+//! Pictures, folders, videos and streams as one sequence of frames.
 //!
-//! In: the INPUT arguments of the command line. Each is a PNG or JPEG picture,
-//! a folder of pictures, a video file, or `-` for a YUV4MPEG2 stream on
-//! standard input. Out: an iterator of [`SourceFrame`]: the input's name, the
-//! index of the frame in it, and either a [`Picture`] or why there is none.
-//! An input that cannot be read never stops the ones after it.
+//! In: the INPUT arguments of the command line. Each is a PNG or JPEG picture, a folder of
+//! pictures, a video file, or `-` for a YUV4MPEG2 stream on standard input. Out: an
+//! iterator of [`SourceFrame`]: the input's name, the index of the frame in it, and either
+//! a [`Picture`] or an error. An input that cannot be read does not stop the inputs after
+//! it.
 //!
-//! A file whose first bytes are those of a PNG, a JPEG or a YUV4MPEG2 stream
-//! is read as such, whatever its name; after that the extension decides, and
-//! what is not called a picture goes to an `ffmpeg` child process, which hands
-//! back YUV4MPEG2 with 8-bit 4:2:0 samples at a constant frame rate, already
-//! turned as the video's rotation says.
+//! The first bytes of a file decide whether it is a PNG, a JPEG or a YUV4MPEG2 stream. For
+//! other files the extension decides. All but pictures go to an `ffmpeg` child process. It
+//! returns YUV4MPEG2 with 8-bit 4:2:0 samples at a constant frame rate, turned as the
+//! video's rotation says.
 //!
-//! Memory: one frame, or one picture and its file, at a time.
+//! Memory: one frame, or one picture and its file, at a time. Cost: decoding.
 
 use std::collections::VecDeque;
-use std::ffi::OsString;
 use std::fmt;
 use std::fs::{self, File};
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
-use std::thread::JoinHandle;
 
 use anyhow::{Context, Result, anyhow, ensure};
 
+use crate::ffmpeg::{Ffmpeg, decoding_arguments};
+use crate::picture::EXTENSIONS;
 pub use crate::picture::{Picture, Pixels, read_picture};
-pub(crate) use crate::yuv4mpeg::CROP_TO_EVEN;
 use crate::yuv4mpeg::{UNKNOWN_FPS, YUV4MPEG2_MAGIC, Yuv4MpegReader};
-
-/// Most bytes of ffmpeg's messages that are kept for an error.
-const MAX_MESSAGE_BYTES: usize = 4096;
-
-const NO_FFMPEG: &str = "video needs ffmpeg: install it with `sudo apt-get install ffmpeg` \
-                         (Debian/Ubuntu) or `brew install ffmpeg` (macOS)";
-
-const PICTURE_EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
 
 const VIDEO_EXTENSIONS: [&str; 16] =
     ["mp4", "m4v", "avi", "mkv", "mov", "webm", "mpg", "mpeg", "ogv", "y4m", "wmv", "flv", "ts", "mts", "3gp", "gif"];
 
-/// What a frame is a part of.
+/// The kind of input that a frame is from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
-    /// A picture of its own.
+    /// A picture.
     Still,
-    /// One of the frames of a video.
+    /// A frame of a video.
     Video {
         /// Frames per second as numerator and denominator; 25/1 if unknown.
         fps: (u32, u32),
@@ -55,27 +44,27 @@ pub enum Kind {
 /// One frame of one input.
 #[derive(Debug)]
 pub struct SourceFrame {
-    /// The path as given; for folders, joined with the file's name.
+    /// The path as given; for a file of a folder, the folder joined with the file's name.
     pub source: String,
     /// Index in the video, from 0; 0 for pictures.
     pub frame: u64,
     /// Picture or video.
     pub kind: Kind,
-    /// The frame, or why it could not be read.
+    /// The picture, or why it could not be read.
     pub picture: Result<Picture>,
 }
 
-/// A frame, or the picture that it has yet to be decoded from.
+/// A frame, or a picture that is not decoded yet.
 #[derive(Debug)]
 pub enum Pending {
     /// A picture on disk.
     Still(PathBuf),
-    /// What is there already.
+    /// A frame that is decoded, or an error.
     Frame(SourceFrame),
 }
 
 impl Pending {
-    /// Source, index and kind of the frame.
+    /// The source, the index and the kind of the frame.
     #[must_use]
     pub fn place(&self) -> (String, u64, Kind) {
         match self {
@@ -84,7 +73,7 @@ impl Pending {
         }
     }
 
-    /// The frame; a picture is decoded for it.
+    /// The frame. Decodes the picture when that is not done yet.
     #[must_use]
     pub fn read(self) -> SourceFrame {
         let (source, frame, kind) = self.place();
@@ -99,10 +88,9 @@ impl Pending {
 
 /// All frames of all inputs, in the order given.
 ///
-/// Every picture yields one item. A video yields one per frame, and one more
-/// that holds an error if it breaks off, if ffmpeg complained about it, or if
-/// it has no frames. A path that does not exist or a folder without pictures
-/// yields an error when its turn comes.
+/// A picture yields one item. A video yields one item a frame, and one more with an error
+/// when it breaks off, when ffmpeg reported an error, or when it has no frames. A path that
+/// does not exist and a folder without pictures yield an error at their place in the order.
 #[derive(Debug)]
 pub struct Source {
     waiting: VecDeque<Input>,
@@ -119,11 +107,10 @@ enum Input {
 }
 
 impl Source {
-    /// Lists the inputs, and the files in those that are folders. Nothing is
-    /// decoded yet.
+    /// Lists the inputs, and the files of those that are folders. Decodes nothing.
     ///
     /// # Errors
-    /// Only if `inputs` is empty.
+    /// When `inputs` is empty; never else.
     pub fn open(inputs: &[PathBuf]) -> Result<Self> {
         ensure!(!inputs.is_empty(), "no input: give a picture, a folder of pictures, a video, or - for standard input");
         let mut waiting = VecDeque::new();
@@ -142,14 +129,13 @@ impl Source {
         Ok(Self { waiting, video: None, len })
     }
 
-    /// Number of items from the first to the last, or `None` if there is a
-    /// video among the inputs.
+    /// The number of items; `None` when there is a video among the inputs.
     #[must_use]
     pub fn len_hint(&self) -> Option<u64> {
         self.len
     }
 
-    /// The next frame; pictures are left to be decoded by who wants them.
+    /// The next frame. A picture is not decoded: [`Pending::read`] does that.
     pub fn next_pending(&mut self) -> Option<Pending> {
         loop {
             if let Some(video) = &mut self.video {
@@ -183,9 +169,9 @@ impl Iterator for Source {
     }
 }
 
-/// True if the path is read as a video: `-`, a file that starts like a
-/// YUV4MPEG2 stream, and any name with a video's extension or, if the file
-/// exists, with another extension than a picture's.
+/// Whether a path is read as a video: `-`, a file that starts like a YUV4MPEG2 stream, a
+/// name with a video's extension, and a file that exists and has no extension of a
+/// picture.
 #[must_use]
 pub fn is_video(path: &Path) -> bool {
     if is_stdin(path) {
@@ -196,7 +182,7 @@ pub fn is_video(path: &Path) -> bool {
         Content::Yuv4Mpeg => true,
         Content::Other => {
             has_extension(path, &VIDEO_EXTENSIONS)
-                || (!has_extension(path, &PICTURE_EXTENSIONS) && path.exists() && !path.is_dir())
+                || (!has_extension(path, &EXTENSIONS) && path.exists() && !path.is_dir())
         }
     }
 }
@@ -223,14 +209,14 @@ fn has_extension(path: &Path, extensions: &[&str]) -> bool {
         .is_some_and(|extension| extensions.iter().any(|e| e.eq_ignore_ascii_case(extension)))
 }
 
-/// The pictures directly inside a folder, by name. Hidden files are left out.
+/// The pictures directly inside a folder, sorted by name, without hidden files.
 fn pictures_in(folder: &Path) -> Result<Vec<PathBuf>> {
     let unreadable = || format!("cannot list the folder {}", folder.display());
     let mut pictures = Vec::new();
     for entry in fs::read_dir(folder).with_context(unreadable)? {
         let path = entry.with_context(unreadable)?.path();
         let hidden = path.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b"."));
-        if !hidden && has_extension(&path, &PICTURE_EXTENSIONS) && !path.is_dir() {
+        if !hidden && has_extension(&path, &EXTENSIONS) && !path.is_dir() {
             pictures.push(path);
         }
     }
@@ -239,7 +225,7 @@ fn pictures_in(folder: &Path) -> Result<Vec<PathBuf>> {
     Ok(pictures)
 }
 
-/// What the first bytes of a file say.
+/// The content of a file by its first bytes.
 enum Content {
     Picture,
     Yuv4Mpeg,
@@ -247,8 +233,8 @@ enum Content {
 }
 
 impl Content {
-    /// `Other` for what is not a plain file, as looking into a pipe would take
-    /// its first bytes away.
+    /// Reads the first bytes of a plain file. Anything else is `Other`: reading from a pipe
+    /// would take its first bytes away.
     fn of(path: &Path) -> Self {
         let mut start = Vec::new();
         if path.is_file()
@@ -302,7 +288,7 @@ impl Video {
         };
         match Yuv4MpegReader::new(stream) {
             Ok(frames) => Ok(Self { source, next_frame: 0, fps: frames.fps, frames: Some(frames), ffmpeg }),
-            // Without a header, ffmpeg's own message says more than ours.
+            // Without a header, ffmpeg's message says more than ours.
             Err(error) => {
                 if let Some(ffmpeg) = ffmpeg {
                     ffmpeg.finish().with_context(|| source.clone())?;
@@ -313,7 +299,7 @@ impl Video {
         }
     }
 
-    /// Reads the next frame. After the last, asks ffmpeg if all was well.
+    /// Reads the next frame. After the last frame, checks whether ffmpeg reported errors.
     fn next_picture(&mut self) -> Option<Result<Picture>> {
         let error = match self.frames.as_mut()?.next_frame() {
             Ok(Some(picture)) => return Some(Ok(picture)),
@@ -321,7 +307,7 @@ impl Video {
             Ok(None) => None,
             Err(error) => Some(error),
         };
-        // Closing the pipe before waiting: ffmpeg may still want to write.
+        // The pipe is closed before the wait: ffmpeg may still want to write.
         self.frames = None;
         let complaint = match self.ffmpeg.take().map(Ffmpeg::finish) {
             Some(Ok(messages)) if !messages.is_empty() => {
@@ -350,146 +336,11 @@ impl Iterator for Video {
     }
 }
 
-fn decoding_arguments(path: &Path) -> Vec<OsString> {
-    // `file:` keeps a name such as `a:b.mp4` from being read as a protocol, and
-    // the list keeps a playlist from reaching into the network.
-    let mut file = OsString::from("file:");
-    file.push(path);
-    let mut arguments: Vec<OsString> = ["-protocol_whitelist", "file", "-i"].map(OsString::from).to_vec();
-    arguments.push(file);
-    let output = ["-an", "-sn", "-dn", "-vf", CROP_TO_EVEN]
-        .into_iter()
-        .chain(["-f", "yuv4mpegpipe", "-pix_fmt", "yuv420p", "-strict", "-1"])
-        .chain(["-"]);
-    arguments.extend(output.map(OsString::from));
-    arguments
-}
-
-/// An ffmpeg child process. Its messages are drained by a thread, so that it
-/// never waits for us to read them. Killed and waited for when dropped.
-#[derive(Debug)]
-pub(crate) struct Ffmpeg {
-    /// Its standard input and output are pipes, for the owner to take.
-    pub(crate) child: Child,
-    messages: Option<JoinHandle<String>>,
-}
-
-impl Ffmpeg {
-    /// Starts ffmpeg with these arguments.
-    pub(crate) fn start(arguments: &[OsString]) -> Result<Self> {
-        Self::start_program("ffmpeg", arguments)
-    }
-
-    fn start_program(program: &str, arguments: &[OsString]) -> Result<Self> {
-        let mut child = Command::new(program)
-            .args(["-v", "error", "-nostdin"])
-            .args(arguments)
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::piped())
-            .spawn()
-            .map_err(|error| match error.kind() {
-                io::ErrorKind::NotFound => anyhow!(NO_FFMPEG),
-                _ => anyhow!("cannot start ffmpeg: {error}"),
-            })?;
-        let messages = child.stderr.take().map(|stderr| std::thread::spawn(|| first_messages(stderr)));
-        Ok(Self { child, messages })
-    }
-
-    /// Waits for the end and returns what ffmpeg wrote to standard error.
-    ///
-    /// # Errors
-    /// If ffmpeg failed; the same text is in the error.
-    pub(crate) fn finish(mut self) -> Result<String> {
-        // A pipe left open would keep ffmpeg waiting.
-        self.child.stdin = None;
-        self.child.stdout = None;
-        let status = self.child.wait().context("cannot wait for ffmpeg")?;
-        let messages = self.messages.take().and_then(|thread| thread.join().ok()).unwrap_or_default();
-        ensure!(status.success(), "ffmpeg failed ({status}): {messages}");
-        Ok(messages)
-    }
-}
-
-impl Drop for Ffmpeg {
-    fn drop(&mut self) {
-        // Both fail if the child has ended already, which is what is wanted.
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
-}
-
-/// Reads to the end and keeps the start.
-fn first_messages(mut stderr: impl Read) -> String {
-    let mut kept = Vec::new();
-    let _ = stderr.by_ref().take(MAX_MESSAGE_BYTES as u64).read_to_end(&mut kept);
-    let _ = io::copy(&mut stderr, &mut io::sink());
-    String::from_utf8_lossy(&kept).trim().to_string()
-}
-
-// --------------------------------------------------------------------- tests
-
-/// What the tests of this crate's file formats need.
-#[cfg(test)]
-pub(crate) mod scratch {
-    use std::io::{Write, stderr};
-    use std::path::PathBuf;
-    use std::process::Command;
-
-    /// An empty folder that is removed with all that is in it.
-    pub(crate) struct Folder(pub(crate) PathBuf);
-
-    impl Folder {
-        /// `name` must be used by one test only.
-        pub(crate) fn new(name: &str) -> Self {
-            let path = std::env::temp_dir().join(format!("keygraph-{}-{name}", std::process::id()));
-            std::fs::create_dir_all(&path).expect("temporary folder");
-            Self(path)
-        }
-    }
-
-    impl Drop for Folder {
-        fn drop(&mut self) {
-            let _ = std::fs::remove_dir_all(&self.0);
-        }
-    }
-
-    /// What an error says.
-    pub(crate) fn message<T>(result: anyhow::Result<T>) -> String {
-        result.err().map_or("no error".into(), |e| format!("{e:#}"))
-    }
-
-    /// It failed, and the message has this part.
-    #[track_caller]
-    pub(crate) fn assert_says<T>(result: anyhow::Result<T>, part: &str) {
-        let message = message(result);
-        assert!(message.contains(part), "{part:?} is not in {message:?}");
-    }
-
-    /// Runs `ffmpeg -v error` with these arguments, split at spaces, and the
-    /// output file. False, and a line that cargo does not hide, if there is no
-    /// ffmpeg.
-    pub(crate) fn ffmpeg_makes(arguments: &str, output: &std::path::Path) -> bool {
-        let status = Command::new("ffmpeg")
-            .args(["-v", "error", "-nostdin", "-y"])
-            .args(arguments.split(' '))
-            .arg(output)
-            .status();
-        let Ok(status) = status else {
-            assert!(std::env::var_os("KEYGRAPH_MUST_NOT_SKIP").is_none(), "no ffmpeg, and nothing may be skipped");
-            let _ = writeln!(stderr(), "SKIPPED: no ffmpeg to make {}", output.display());
-            return false;
-        };
-        assert!(status.success(), "ffmpeg {arguments}");
-        true
-    }
-}
-
 #[cfg(test)]
 mod tests {
-    use super::scratch::{Folder, assert_says, ffmpeg_makes, message};
     use super::*;
     use crate::picture::tests::png;
+    use crate::scratch::{Folder, assert_says, ffmpeg_makes, message};
     use image::ExtendedColorType;
 
     // inputs
@@ -556,7 +407,7 @@ mod tests {
 
     // YUV4MPEG2
 
-    /// All frames of a stream, read as a file.
+    /// Reads all frames of a stream from a file.
     fn frames_of(name: &str, stream: &[u8]) -> Vec<SourceFrame> {
         let folder = Folder::new(name);
         let path = folder.0.join("stream");
@@ -627,12 +478,6 @@ mod tests {
     }
 
     // ffmpeg
-
-    #[test]
-    fn a_missing_ffmpeg_is_named_with_its_remedy() {
-        let result = Ffmpeg::start_program("no-such-ffmpeg", &[]);
-        assert_says(result, "video needs ffmpeg: install it with `sudo apt-get install ffmpeg`");
-    }
 
     #[test]
     fn a_video_of_odd_size_is_cropped() {

@@ -1,7 +1,7 @@
-//! Training on pictures.
+//! Training on a picture, and merging models.
 //!
-//! In: a picture of any size, and a preset. Out: the bytes of a model and what
-//! there is to tell about it.
+//! In: a picture of any size, and a preset. Out: the bytes of a model and a report.
+//! Memory: the trainer (a static) and the model. Cost: about a second on a laptop.
 
 use std::sync::Mutex;
 
@@ -18,20 +18,22 @@ use crate::search::fit;
 /// How much a model holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Preset {
-    /// Up to 2 MB: all that helps; more finds no more (docs/economy.png).
+    /// Up to 2 MB; larger models find no more (docs/economy.png).
     Large,
     /// Up to 1.5 MB: fits the flash of the larger boards.
     Standard,
     /// Up to 512 KB: fits most boards.
     Compact,
-    /// The paper as written, of whatever size.
+    /// The method of the paper as written, up to 8 MB.
     Paper,
 }
 
+/// A view from the front, scaled to a longer side of `side_px`.
 const fn upright(side_px: f32, keypoints: u8) -> ViewSpec {
     ViewSpec { side_px, squeeze: 1.0, direction_deg: 0.0, keypoints }
 }
 
+/// A view that is squeezed to `squeeze` of its length in one direction, as a tilt does.
 const fn tilted(side_px: f32, squeeze: f32, direction_deg: f32, keypoints: u8) -> ViewSpec {
     ViewSpec { side_px, squeeze, direction_deg, keypoints }
 }
@@ -63,7 +65,7 @@ const VIEWS: [ViewSpec; 21] = [
 const PAPER_VIEW: [ViewSpec; 1] = [upright(640.0, 79)];
 
 impl Preset {
-    /// Most bytes of a model.
+    /// Maximum size of a model in bytes.
     #[must_use]
     pub const fn bytes(self) -> usize {
         match self {
@@ -74,7 +76,7 @@ impl Preset {
         }
     }
 
-    /// The core's parameters for it.
+    /// The core's training parameters for this preset.
     #[must_use]
     pub const fn params(self, name: &str, luma_only: bool) -> TrainParams<'_> {
         let (method, views): (_, &'static [ViewSpec]) = match self {
@@ -94,8 +96,8 @@ impl Preset {
     }
 }
 
-/// Whether a picture has colour worth training on: one pixel in a hundred whose
-/// channels differ by a tenth of their range.
+/// Whether a picture has colour worth training on: in more than one pixel of a hundred, the
+/// channels differ by more than a tenth of their range.
 #[must_use]
 pub fn has_colour(picture: &Picture) -> bool {
     match &picture.pixels {
@@ -108,7 +110,8 @@ pub fn has_colour(picture: &Picture) -> bool {
     }
 }
 
-/// Trains on `picture`; on luma alone if it has no colour.
+/// Trains on `picture`. Uses luma alone when `luma_only` is set or the picture has no
+/// colour. Returns the model and a report.
 ///
 /// # Errors
 /// When the picture is too small, or has too little texture.
@@ -116,11 +119,11 @@ pub fn train(picture: &Picture, name: &str, preset: Preset, luma_only: bool) -> 
     train_within(picture, name, preset, luma_only, preset.bytes())
 }
 
-/// Like [`train`], into a model of at most `bytes` bytes instead of the
-/// preset's.
+/// Trains as [`train`] does, into a model of at most `bytes` bytes instead of the preset's
+/// maximum.
 ///
 /// # Errors
-/// Those of [`train`], and when `bytes` cannot hold a keygraph.
+/// When training fails, see [`train`], or `bytes` cannot hold a keygraph.
 pub fn train_within(
     picture: &Picture,
     name: &str,
@@ -141,10 +144,10 @@ pub fn train_within(
     Ok((model, trained))
 }
 
-/// Merges models into one, in the order given.
+/// Merges models into one, with their objects in the order given.
 ///
 /// # Errors
-/// When one is damaged, or they do not go together.
+/// When a model is damaged, or the models differ in method or feature.
 pub fn merge(models: &[Vec<u8>]) -> Result<Vec<u8>> {
     let parsed = models.iter().map(|m| Model::parse(m)).collect::<Result<Vec<_>, _>>()?;
     let mut out = vec![0; packed_len(&parsed)?];

@@ -1,33 +1,43 @@
-//! Pictures, videos and files around [`keygraph_core`]: formats, devices, pages.
-//! No vision here.
+//! Pictures, videos, files and devices around [`keygraph_core`]. This package has no vision
+//! of its own.
 //!
 //! A file uses only files above it:
 //!
 //! - [`picture`], [`yuv4mpeg`]: pixels, and the files and streams that hold them
+//! - `ffmpeg`: the child process that decodes and encodes videos
 //! - [`input`]: pictures, folders, videos and streams as one sequence of frames
-//! - [`annotate`], [`video`], [`progress`]: what is drawn, written and shown
+//! - [`output`]: lines on standard output, and checks of files that will be written
+//! - [`canvas`], [`annotate`], [`video`], [`progress`]: what is drawn, written and shown
 //! - [`sensor`]: pixels as a camera's sensor would give them
-//! - [`search`]: one frame into a detector of the right size
-//! - [`trail`]: frames in order, and what was found followed through them
-//! - [`margins`]: plain surroundings of a picture
-//! - [`pose`]: where detections are in space
-//! - [`learn`]: one picture into a model; models into one
-//! - [`render`]: frames of pictures in poses that are known
+//! - [`scaling`]: coordinates of a picture in a scaled copy
+//! - [`search`]: one frame through a detector of the right size
+//! - [`trail`]: frames in order through a tracker
+//! - [`margins`]: plain margins of a picture
+//! - [`pose`]: poses of detections in space
+//! - [`learn`]: training on a picture; merging models
+//! - [`render`]: frames of pictures in known poses
 //! - [`heat`]: which parts of a picture carry keygraphs
-//! - [`assess`]: how well a picture will be found, before it is used
+//! - [`mod@sweep`]: how often a picture is found in rendered frames
+//! - [`mod@structure`]: facts about a trained picture
+//! - [`advice`]: whether a picture is good, and what to do if not
+//! - [`mod@assess`]: how well a picture will be found, before it is used
 //! - [`mod@bench`]: what stages cost, in time and memory
-//! - [`report`]: results as JSON
 //! - [`run`], [`gallery`]: many frames at once, and where their pictures go
-//! - [`camera`]: live, in front of a camera
+//! - [`report`], [`words`]: results as JSON, and as sentences
+//! - [`camera`]: live frames of a camera
 //! - [`demo`]: the whole path on the pictures of the repository
 
 pub mod picture;
 pub mod yuv4mpeg;
+mod ffmpeg;
 pub mod input;
+pub mod output;
+pub mod canvas;
 pub mod annotate;
 pub mod video;
 pub mod progress;
 pub mod sensor;
+pub mod scaling;
 pub mod search;
 pub mod trail;
 pub mod margins;
@@ -35,10 +45,17 @@ pub mod pose;
 pub mod learn;
 pub mod render;
 pub mod heat;
+pub mod sweep;
+pub mod structure;
+pub mod advice;
 pub mod assess;
 pub mod bench;
-pub mod report;
 pub mod run;
 pub mod gallery;
+pub mod report;
+pub mod words;
 pub mod camera;
 pub mod demo;
+
+#[cfg(test)]
+mod scratch;

@@ -1,25 +1,25 @@
 //! Plain margins of a picture: a table, a wall, a sheet of paper around the object.
 //!
-//! In: a picture. Out: the part within them, where all four sides have one. The
-//! picture is scaled down to 200 px, which takes noise away and leaves what the
-//! eye sees; a row or column is plain when neighbours along it hardly differ. Cost:
-//! one pass over the picture.
+//! In: a picture. Out: the part within its margins, when all four sides have one. The
+//! picture is scaled down to 200 px, which removes noise; a row or column is plain when
+//! neighbours along it hardly differ. Memory: the small picture. Cost: one pass over the
+//! picture.
 
 use crate::picture::{Part, Picture, Pixels};
 use crate::search::fit;
 
-/// Longer side of the picture that is looked at, px.
+/// Longer side of the picture after it was scaled down, px.
 const SIDE: usize = 200;
-/// Most that neighbours on something plain differ, gray levels: light falls off
-/// slowly, edges do not.
+/// Maximum difference of neighbours on a plain surface, of 255. Light falls off slowly;
+/// edges do not.
 const PLAIN: u8 = 8;
-/// Pixels of a row or column that may differ by more, one in so many: dust.
+/// One pixel of this many in a row or column may differ by more: dust.
 const DUST: usize = 50;
-/// Least margin, one in so many of the picture's sides.
+/// A margin is wider than the picture's side divided by this.
 const NARROW: usize = 25;
 
-/// The part of `picture` within plain margins; `None` unless each of the four is
-/// wider than 4 % of the picture and there is something within them.
+/// The part of `picture` within plain margins, px. `None` unless each of the four margins is
+/// wider than 4 % of the picture and the part within them is not plain.
 #[must_use]
 pub fn within_margins(picture: &Picture) -> Option<Part> {
     let small = fit(picture, SIDE, SIDE * SIDE);
@@ -40,7 +40,7 @@ pub fn within_margins(picture: &Picture) -> Option<Part> {
     if !(wide(top, h) && wide(h - 1 - bottom, h) && wide(left, w) && wide(w - 1 - right, w)) {
         return None;
     }
-    // A pixel that is cut through belongs to the object.
+    // A pixel that is partly inside belongs to the object.
     let scale = |v: usize, small: usize, large: u32| u32::try_from(v as u64 * u64::from(large) / small as u64).ok();
     let (x, y) = (scale(left, w, picture.width)?, scale(top, h, picture.height)?);
     let (x1, y1) = (scale(right + 1, w, picture.width)?, scale(bottom + 1, h, picture.height)?);

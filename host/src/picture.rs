@@ -30,7 +30,7 @@ pub struct Picture {
     pub width: u32,
     /// Number of rows.
     pub height: u32,
-    /// The pixels, as many as width and height say.
+    /// The pixels; their number is width x height.
     pub pixels: Pixels,
 }
 
@@ -48,7 +48,7 @@ pub struct Part {
 }
 
 impl Part {
-    /// Whether all of it lies in a picture of this size.
+    /// Whether the whole part lies in a picture of this size, px.
     fn lies_in(&self, width: u32, height: u32) -> bool {
         let end = |start: u32, length: u32| u64::from(start) + u64::from(length);
         end(self.x, self.width) <= u64::from(width) && end(self.y, self.height) <= u64::from(height)
@@ -58,7 +58,7 @@ impl Part {
 impl FromStr for Part {
     type Err = String;
 
-    /// Reads `x,y,width,height`.
+    /// Reads a part from `x,y,width,height`, px.
     fn from_str(text: &str) -> Result<Self, String> {
         let numbers: Result<Vec<u32>, _> = text.split(',').map(|n| n.trim().parse()).collect();
         match numbers.as_deref() {
@@ -73,30 +73,39 @@ impl FromStr for Part {
 pub struct Framed {
     /// The part, as a picture of its own.
     pub picture: Picture,
-    /// Where it lies in the upright picture of the file.
+    /// Where the part lies in the upright picture of the file.
     pub part: Part,
-    /// Size of that picture, px.
+    /// Width and height of the upright picture of the file, px.
     pub whole: (u32, u32),
     /// Whether a pixel of the part is not fully opaque, so that white was mixed in.
     pub transparent: bool,
 }
 
-/// Decodes a PNG or JPEG file, turned upright as its EXIF orientation says, on
-/// white where it is transparent, and with 8 bits per sample.
+/// Extensions of the pictures that can be read and written.
+pub const EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
+
+/// The extension of a path in small letters; empty when it has none.
+#[must_use]
+pub fn extension(path: &Path) -> String {
+    path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default()
+}
+
+/// Decodes a PNG or JPEG file. The picture is turned upright as its EXIF orientation
+/// says, mixed with white where it is transparent, and has 8 bits a sample.
 ///
 /// # Errors
-/// If the file is missing, not a PNG or JPEG picture, damaged or cut off. The
-/// message names the path.
+/// When the file is missing, not a PNG or JPEG picture, damaged or cut off. The message
+/// names the path.
 pub fn read_picture(path: &Path) -> Result<Picture> {
     Ok(flatten_onto_white(open_upright(path)?).0)
 }
 
-/// As [`read_picture`], of the part `crop` (px of the upright picture) or else of
-/// the smallest part that holds all pixels that are at least half opaque.
+/// Reads the part `crop` (px of the upright picture) of a PNG or JPEG file. Without
+/// `crop`, reads the smallest part that holds all pixels that are at least half opaque.
 ///
 /// # Errors
-/// As [`read_picture`]; if the part reaches beyond the picture; if all of it is
-/// transparent.
+/// When the file cannot be read, see [`read_picture`]; when `crop` reaches beyond the
+/// picture; when no pixel is at least half opaque.
 pub fn read_framed(path: &Path, crop: Option<Part>) -> Result<Framed> {
     let name = path.display();
     let image = open_upright(path)?;
@@ -123,8 +132,8 @@ pub fn read_framed(path: &Path, crop: Option<Part>) -> Result<Framed> {
     Ok(Framed { picture, part, whole, transparent })
 }
 
-/// The smallest part that holds all pixels that are at least half opaque: a soft
-/// shadow is none of the object's.
+/// The smallest part that holds all pixels that are at least half opaque. A soft shadow
+/// is less opaque: it does not belong to the object.
 fn opaque_part(image: &DynamicImage) -> Option<Part> {
     let (width, height) = (image.width(), image.height());
     if !image.color().has_alpha() {
@@ -154,14 +163,14 @@ fn decode_upright(bytes: &[u8]) -> Result<DynamicImage> {
     let reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().context("cannot be read")?;
     match reader.format() {
         Some(ImageFormat::Png) => {}
-        // The decoder fills the rest of a cut-off JPEG with grey in silence.
+        // The decoder fills the rest of a JPEG that is cut off with grey, without an error.
         Some(ImageFormat::Jpeg) => ensure!(jpeg_is_complete(bytes), "the JPEG picture is cut off before its end"),
         _ if bytes.is_empty() => bail!("the file is empty"),
         _ => bail!("is not a PNG or JPEG picture"),
     }
     let damaged = "the picture cannot be decoded; it may be damaged or cut off";
     let mut decoder = reader.into_decoder().context(damaged)?;
-    // A picture with a damaged orientation is still worth looking at.
+    // A damaged orientation does not make the picture useless.
     let orientation = decoder.orientation();
     let mut image = DynamicImage::from_decoder(decoder).context(damaged)?;
     if let Ok(orientation) = orientation {
@@ -170,13 +179,13 @@ fn decode_upright(bytes: &[u8]) -> Result<DynamicImage> {
     Ok(image)
 }
 
-/// Walks the segments of a JPEG to its end-of-image marker. Those inside of
-/// segments, such as a thumbnail's, do not count.
+/// Whether a JPEG has its end-of-image marker. Walks the segments; a marker inside of a
+/// segment, such as a thumbnail's, does not count.
 fn jpeg_is_complete(bytes: &[u8]) -> bool {
     const END_OF_IMAGE: u8 = 0xD9;
     let mut at = 2;
     loop {
-        // Entropy-coded data never holds FF before anything but 00 or D0..D7.
+        // In entropy-coded data, FF stands before 00 or D0..D7 only.
         let Some(&[first, marker]) = bytes.get(at..at + 2) else {
             return false;
         };
@@ -195,8 +204,8 @@ fn jpeg_is_complete(bytes: &[u8]) -> bool {
     }
 }
 
-/// Converts to 8-bit gray or RGB, transparent pixels mixed with white. The
-/// flag says if any pixel was not fully opaque.
+/// Converts an image to 8-bit gray or RGB, with transparent pixels mixed with white. The
+/// flag is true when any pixel was not fully opaque.
 #[must_use]
 pub fn flatten_onto_white(image: DynamicImage) -> (Picture, bool) {
     let (width, height) = (image.width(), image.height());
@@ -231,7 +240,7 @@ fn over_white(sample: u8, alpha: u8) -> u8 {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use crate::input::scratch::assert_says;
+    use crate::scratch::assert_says;
     use image::codecs::jpeg::JpegEncoder;
     use image::codecs::png::PngEncoder;
     use image::{ExtendedColorType, ImageEncoder};

@@ -1,7 +1,8 @@
-//! Where detections are in space, for cameras whose intrinsics are known.
+//! Poses of detections in space, for cameras with known intrinsics.
 //!
-//! In: `--intrinsics` and `--width-mm` as they are given, a model, detections in px
-//! of the input. Out: a [`PlanePose`] for each. Cost: some microseconds each.
+//! In: the values of `--intrinsics` and `--width-mm`, a model, and detections in px of the
+//! input. Out: a [`PlanePose`] for each detection. Memory: a number for each object. Cost:
+//! some microseconds for each detection.
 
 use std::str::FromStr;
 
@@ -10,10 +11,10 @@ use keygraph_core::camera::{CameraError, Intrinsics, PlanePose, plane_pose};
 use keygraph_core::detect::Detection;
 use keygraph_core::model::Model;
 
-/// The intrinsics in `fx,fy,cx,cy`, px of the input.
+/// Parses the intrinsics `fx,fy,cx,cy`, px of the input.
 ///
 /// # Errors
-/// When they are not four numbers, or not those of a camera.
+/// When `text` is not four numbers, or no camera has these intrinsics.
 pub fn parse_intrinsics(text: &str) -> Result<Intrinsics, String> {
     let numbers: Result<Vec<f32>, _> = text.split(',').map(|n| n.trim().parse()).collect();
     let Ok(&[fx, fy, cx, cy]) = numbers.as_deref() else {
@@ -22,7 +23,7 @@ pub fn parse_intrinsics(text: &str) -> Result<Intrinsics, String> {
     Intrinsics::new(fx, fy, cx, cy).map_err(|e: CameraError| e.to_string())
 }
 
-/// A true width: `W` of every object, or `NAME=W` of one.
+/// The true width of every object (`W`) or of one object (`NAME=W`), mm.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Width {
     name: Option<String>,
@@ -45,16 +46,16 @@ impl FromStr for Width {
 #[derive(Clone, Debug)]
 pub struct Calibration {
     intrinsics: Intrinsics,
-    /// By object, mm.
+    /// Width of each object, mm.
     widths_mm: Vec<f32>,
 }
 
 impl Calibration {
-    /// Gives each object of `model` the width that bears its name, or else the one
-    /// that bears none.
+    /// Gives each object of `model` the width with its name, or else the width without a
+    /// name.
     ///
     /// # Errors
-    /// When an object has no width or two, or a width is of no object.
+    /// When an object has no width or two widths, or a width names no object of the model.
     pub fn new(intrinsics: Intrinsics, widths: &[Width], model: &Model<'_>) -> Result<Self> {
         let names: Vec<&str> = (0..model.objects()).map(|i| model.object(i).name).collect();
         for name in widths.iter().filter_map(|w| w.name.as_deref()) {
@@ -80,8 +81,8 @@ impl Calibration {
         Ok(Self { intrinsics, widths_mm: names.iter().map(width).collect::<Result<_>>()? })
     }
 
-    /// The poses of a detection, whose homography is in px of the input; `None` when
-    /// no pose has it.
+    /// The poses of a detection, whose homography is in px of the input. `None` when no pose
+    /// gives this homography.
     #[must_use]
     pub fn pose(&self, model: &Model<'_>, detection: &Detection) -> Option<PlanePose> {
         let index = usize::from(detection.object);
@@ -90,8 +91,8 @@ impl Calibration {
         plane_pose(&detection.homography, &self.intrinsics, size_px, self.widths_mm[index]).ok()
     }
 
-    /// Where the input shows the object's axes: its middle, then the ends of x (right),
-    /// y (down) and z (into the picture), each half the object's width long, px.
+    /// The object's axes in the input, px: the object's centre, then the ends of x (right),
+    /// y (down) and z (into the picture). Each axis is half as long as the object is wide.
     #[must_use]
     pub fn axes(&self, detection: &Detection, pose: &PlanePose) -> [[f32; 2]; 4] {
         let arm = self.widths_mm[usize::from(detection.object)] / 2.0;

@@ -1,7 +1,7 @@
-//! Shows on standard error how far a long run has come.
+//! Shows the progress of a long run on standard error.
 //!
-//! In: one [`Progress::tick`] per frame. Out: a bar, or a counter if the number
-//! of frames is not known; nothing at all unless standard error is a terminal.
+//! In: one [`Progress::tick`] a frame. Out: a bar; a counter when the number of frames is
+//! not known; nothing unless standard error is a terminal.
 
 use std::io::{IsTerminal, stderr};
 
@@ -14,8 +14,8 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// Starts at 0 of `len`, if that is known. `what` names the things that
-    /// are counted, such as "frames".
+    /// Starts at 0 of `len`; `None` when the number is not known. `what` names what is
+    /// counted, such as "frames".
     #[must_use]
     pub fn new(len: Option<u64>, what: &str) -> Self {
         if !stderr().is_terminal() {
@@ -26,7 +26,7 @@ impl Progress {
             None => "{spinner} {pos} {msg}, {per_sec}",
         };
         let bar = ProgressBar::with_draw_target(len, ProgressDrawTarget::stderr());
-        // A wrong template leaves indicatif's own style.
+        // With a wrong template, indicatif keeps its own style.
         if let Ok(style) = ProgressStyle::with_template(template) {
             bar.set_style(style);
         }
@@ -34,18 +34,17 @@ impl Progress {
         Self { bar }
     }
 
-    /// One more is done.
+    /// Counts one more.
     pub fn tick(&self) {
         self.bar.inc(1);
     }
 
-    /// Prints a line above the bar, or as it is if there is none, without
-    /// tearing the bar.
+    /// Prints a line on standard error, above the bar if there is one.
     pub fn print(&self, line: &str) {
         self.bar.suspend(|| eprintln!("{line}"));
     }
 
-    /// Runs `f`, which may write to the terminal, without tearing the bar.
+    /// Hides the bar while `f` runs, which may write to the terminal.
     pub fn aside<T>(&self, f: impl FnOnce() -> T) -> T {
         self.bar.suspend(f)
     }

@@ -1,4 +1,6 @@
 //! Results as JSON: the lines and objects that other programs read.
+//!
+//! In: results of a command. Out: JSON values. Memory and cost: the text.
 
 use keygraph_core::camera::{PlanePose, Pose};
 use keygraph_core::capacity::Stage;
@@ -7,14 +9,16 @@ use keygraph_core::model::{Method, Model};
 use keygraph_core::track::{State, Track};
 use serde_json::{Map, Value, json};
 
-use crate::assess::{Assessment, Row, Structure, Sweep};
+use crate::assess::Assessment;
 use crate::bench::{Bench, Held, StageCost, Times};
 use crate::search::Found;
+use crate::structure::Structure;
+use crate::sweep::{Row, Sweep};
 
-/// A number with `digits` decimals.
-fn rounded(v: f32, digits: i32) -> Value {
+/// A number rounded to `digits` decimals.
+pub(crate) fn rounded(v: impl Into<f64>, digits: i32) -> Value {
     let k = 10f64.powi(digits);
-    json!((f64::from(v) * k).round() / k)
+    json!((v.into() * k).round() / k)
 }
 
 fn milliseconds(ns: u64) -> Value {
@@ -29,7 +33,7 @@ fn pose_object(pose: &Pose) -> Value {
     })
 }
 
-/// The better pose, and what there is to say about the other; null when there is none.
+/// The better pose with the other one in `mirrored`; null when there is no pose.
 fn plane_pose_object(poses: Option<&PlanePose>) -> Value {
     let Some(poses) = poses else { return Value::Null };
     let mut object = pose_object(&poses.best);
@@ -38,7 +42,7 @@ fn plane_pose_object(poses: Option<&PlanePose>) -> Value {
     object
 }
 
-/// The line of one frame; `poses` has one entry a detection.
+/// The line of a frame that was read. `poses` has one entry a detection.
 #[must_use]
 pub fn frame_line(
     source: &str,
@@ -112,7 +116,7 @@ fn detection_object(model: &Model<'_>, d: &Detection, state: State) -> Value {
     })
 }
 
-/// The line of a frame that could not be read.
+/// The line of a frame that could not be read or searched.
 #[must_use]
 pub fn error_line(source: &str, frame: u64, error: &str) -> Value {
     json!({"source": source, "frame": frame, "error": error, "detections": []})
@@ -127,7 +131,7 @@ pub const fn method_name(model: &Model<'_>) -> &'static str {
     }
 }
 
-/// What `train --json` and `inspect --json` print.
+/// The object that `train --json` and `inspect --json` print.
 #[must_use]
 pub fn model_object(model: &Model<'_>) -> Value {
     let objects = || (0..model.objects()).map(|i| model.object(i));
@@ -146,10 +150,10 @@ pub fn model_object(model: &Model<'_>) -> Value {
     })
 }
 
-/// What `bench --json` prints.
+/// The object that `bench --json` prints.
 #[must_use]
 pub fn bench_object(b: &Bench) -> Value {
-    let ms = |v: f64| json!((v * 1e4).round() / 1e4);
+    let ms = |v: f64| rounded(v, 4);
     let times = |t: &Times| json!({"median_ms": ms(t.median), "p95_ms": ms(t.p95)});
     let stage = |s: &StageCost| {
         let mut entry = times(&s.times);
@@ -174,7 +178,7 @@ pub fn bench_object(b: &Bench) -> Value {
     })
 }
 
-/// What `assess --json` prints for one object.
+/// The object that `assess --json` prints for each object of a model.
 #[must_use]
 pub fn assessment_object(a: &Assessment) -> Value {
     let cells = |row: &Row| row.cells.iter().map(|c| json!({"value": c.value, "found": c.found})).collect::<Vec<_>>();

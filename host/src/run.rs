@@ -1,15 +1,15 @@
-//! Many frames through the detectors: several at once, results in order.
+//! Many frames through the detectors: several at once, with results in order.
 //!
-//! In: a [`Source`] of frames and a model. Out: one [`Outcome`] a frame, in the
-//! order of the source, handed to the caller as soon as it and all before it are
-//! there. With a tracker frames are worked on one by one. Memory: at most two frames a
-//! thread are in flight.
+//! In: a [`Source`] of frames and a model. Out: one [`Outcome`] a frame, in the order of
+//! the source. The caller gets it as soon as it and all before it are ready. With a
+//! tracker, frames are searched one by one. Memory: at most two frames for each thread.
+//! Cost: that of the search, divided by the threads.
 
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
-use std::sync::mpsc::channel;
+use std::sync::mpsc::{Receiver, channel};
 use std::thread;
 
 use anyhow::{Context, Result, anyhow};
@@ -28,34 +28,34 @@ use crate::trail::Trail;
 pub struct Options<'a> {
     /// Size of the detector.
     pub profile: Profile,
-    /// Least score of a detection.
+    /// Minimum score of a detection, 0 to 1.
     pub threshold: f32,
-    /// Frames searched at once, 1 to [`MAX_THREADS`]; tracking takes one.
+    /// Frames searched at once, 1 to [`MAX_THREADS`]. Tracking uses one thread.
     pub threads: usize,
-    /// Whether to follow what was found from frame to frame.
+    /// Whether to follow objects from frame to frame.
     pub track: bool,
-    /// Whether to draw what was found.
+    /// Whether to draw the results into the frames.
     pub annotate: bool,
-    /// The sensor that frames are turned into the format of.
+    /// The format of a sensor to which frames are converted.
     pub format: Option<PixelFormat>,
     /// Whether to search all of each frame for all of the model.
     pub thorough: bool,
-    /// Whether to tell digests of the stages.
+    /// Whether to report digests of the stages.
     pub digests: bool,
-    /// Camera and widths, where poses are wanted.
+    /// Intrinsics and widths; `None` when no poses are wanted.
     pub calibration: Option<&'a Calibration>,
 }
 
-/// What became of one frame.
+/// The outcome of one frame.
 #[derive(Debug)]
 pub struct Outcome {
-    /// The input it came from.
+    /// The name of the input that the frame is from.
     pub source: String,
-    /// Its index in a video.
+    /// Index of the frame in its video; 0 for a still.
     pub frame: u64,
     /// Still or video.
     pub kind: Kind,
-    /// What was found, or why the frame could not be read.
+    /// The results, or why the frame could not be read or searched.
     pub result: Result<Searched>,
 }
 
@@ -64,25 +64,25 @@ pub struct Outcome {
 pub struct Searched {
     /// Width and height, px.
     pub size: (u32, u32),
-    /// What was found.
+    /// The results.
     pub found: Found,
-    /// The pose of each detection, if asked for and if it has one.
+    /// The pose of each detection that has one; `None` without a calibration.
     pub poses: Option<Vec<Option<PlanePose>>>,
-    /// The frame with what was found drawn onto it, if asked for.
+    /// The frame with the results drawn onto it; `None` unless asked for.
     pub canvas: Option<Canvas>,
 }
 
-/// As many threads as there are processors, within bounds.
+/// The number of processors, at most [`MAX_THREADS`].
 #[must_use]
 pub fn default_threads() -> usize {
     thread::available_parallelism().map_or(1, usize::from).min(MAX_THREADS)
 }
 
-/// Searches every frame of `source` and calls `each` with the outcomes in order;
-/// an error of `each` ends the run.
+/// Searches every frame of `source` and calls `each` with the outcomes in order. An error
+/// of `each` ends the run.
 ///
 /// # Errors
-/// What `each` returned.
+/// The error that `each` returned.
 pub fn run(
     source: &mut Source,
     model: &Model<'_>,
@@ -93,7 +93,7 @@ pub fn run(
     let (jobs, queue) = channel::<(u64, Pending)>();
     let queue = Mutex::new(queue);
     let (done, outcomes) = channel();
-    // A frame is read when there is a permit for it; it comes back with the outcome.
+    // A frame is read when there is a permit for it. The permit comes back with the outcome.
     let (permit, permits) = channel();
     for _ in 0..2 * threads {
         // The receiver lives in this function.
@@ -101,8 +101,8 @@ pub fn run(
     }
     thread::scope(|scope| {
         scope.spawn(move || {
-            // A thread of its own, since a live source makes its reader wait; pictures are
-            // decoded by who searches them.
+            // The reader has its own thread, since a live source makes it wait. The threads
+            // that search decode the pictures.
             for (index, ()) in (0..).zip(permits) {
                 let Some(frame) = source.next_pending() else { return };
                 if jobs.send((index, frame)).is_err() {
@@ -113,10 +113,8 @@ pub fn run(
         for slot in 0..threads {
             let (done, queue) = (done.clone(), &queue);
             scope.spawn(move || {
-                let mut trail = options.track.then(Trail::<Sequence>::default);
-                loop {
-                    let job = queue.lock().map_or(None, |q| q.recv().ok());
-                    let Some((index, frame)) = job else { return };
+                let mut trail = options.track.then(Trail::default);
+                while let Some((index, frame)) = queue.lock().map_or(None, |q| q.recv().ok()) {
                     if done.send((index, search_safely(frame, model, options, slot, &mut trail))).is_err() {
                         return;
                     }
@@ -124,24 +122,34 @@ pub fn run(
             });
         }
         drop(done);
-        // Both ends go when this closure does, even on an error: then all threads end.
-        let (permit, outcomes) = (permit, outcomes);
-        let mut waiting = BTreeMap::new();
-        let mut next = 0;
-        for (index, outcome) in outcomes {
-            waiting.insert(index, outcome);
-            while let Some(outcome) = waiting.remove(&next) {
-                next += 1;
-                each(outcome)?;
-                // The reader has ended when the source has.
-                let _ = permit.send(());
-            }
-        }
-        Ok(())
+        // Both ends move into the call and are dropped with it, even on an error: then all
+        // threads end.
+        in_order(outcomes, move |outcome| {
+            each(outcome)?;
+            // The reader has ended when the source has.
+            let _ = permit.send(());
+            Ok(())
+        })
     })
 }
 
-/// What a frame is the next one of: a video, or the pictures of a folder, of one size.
+/// Calls `each` with the numbered outcomes of a channel, in the order of their numbers from
+/// 0.
+fn in_order(outcomes: Receiver<(u64, Outcome)>, mut each: impl FnMut(Outcome) -> Result<()>) -> Result<()> {
+    let mut waiting = BTreeMap::new();
+    let mut next = 0;
+    for (index, outcome) in outcomes {
+        waiting.insert(index, outcome);
+        while let Some(outcome) = waiting.remove(&next) {
+            next += 1;
+            each(outcome)?;
+        }
+    }
+    Ok(())
+}
+
+/// What a tracker takes for one sequence: a video, or the pictures of a folder, with frames
+/// of one size.
 type Sequence = (PathBuf, (u32, u32));
 
 fn sequence(source: &str, kind: Kind, size: (u32, u32)) -> Sequence {
@@ -150,7 +158,7 @@ fn sequence(source: &str, kind: Kind, size: (u32, u32)) -> Sequence {
     (of.into(), size)
 }
 
-/// [`search_one`], with a panic turned into an error of this frame alone.
+/// Calls [`search_one`]; a panic becomes an error of this frame alone.
 fn search_safely(
     frame: Pending,
     model: &Model<'_>,
@@ -200,7 +208,7 @@ fn search_one(
     Outcome { source, frame, kind, result }
 }
 
-/// The picture with corners, supporting keygraphs, outlines, names and scores.
+/// Draws corners, supporting keygraphs, outlines, names and scores into a copy of `picture`.
 #[must_use]
 pub fn draw(picture: &Picture, model: &Model<'_>, found: &Found) -> Canvas {
     let mut canvas = Canvas::from_picture(picture);

@@ -1,8 +1,9 @@
-//! Frames into the core's detectors: scaling to the profile, one detector a
-//! thread, results in the pixels of the input.
+//! One frame through a detector of the core: scaled to the profile, searched or followed,
+//! with results in the pixels of the input.
 //!
-//! In: a picture, a model, and a tracker where the picture is the next frame of a
-//! sequence. Out: what was found.
+//! In: a picture, a model, and a tracker when the picture is the next frame of a sequence.
+//! Out: [`Found`]. Memory: a detector for each thread and profile, in statics. Cost: that
+//! of the detector, and one pass over the picture to scale it.
 
 use std::borrow::Cow;
 use std::sync::{Mutex, MutexGuard};
@@ -15,29 +16,29 @@ use keygraph_core::detect::{
 };
 use keygraph_core::digest::Digests;
 use keygraph_core::frame::{Frame, FrameError, PixelFormat};
-use keygraph_core::geometry::Homography;
 use keygraph_core::model::Model;
 use keygraph_core::shrink::shrink;
 use keygraph_core::track::{State, Track, Tracker};
 
 use crate::input::{Picture, Pixels};
+use crate::scaling::scaling;
 use crate::sensor::sense;
 
 /// A frame size that detectors are built for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Profile {
-    /// 1280 x 720, 12 MB.
+    /// 1280 x 720 px, 12 MB of memory.
     Hd,
-    /// 640 x 480, 4 MB.
+    /// 640 x 480 px, 4 MB of memory.
     Vga,
-    /// 320 x 240, 480 KB.
+    /// 320 x 240 px, 480 KB of memory.
     Qvga,
-    /// 160 x 120, 160 KB.
+    /// 160 x 120 px, 160 KB of memory.
     Qqvga,
 }
 
 impl Profile {
-    /// Longest side and most pixels of a frame.
+    /// Maximum side and maximum number of pixels of a frame.
     #[must_use]
     pub const fn limits(self) -> (usize, usize) {
         match self {
@@ -48,7 +49,7 @@ impl Profile {
         }
     }
 
-    /// Bytes of the detector, and its buffers.
+    /// The bytes of the detector, and its buffers.
     #[must_use]
     pub const fn memory(self) -> (usize, [Room; Buffer::COUNT]) {
         match self {
@@ -60,7 +61,7 @@ impl Profile {
     }
 }
 
-/// A picture as the core takes it, scaled down where it had to be.
+/// A picture in a format that the core takes, scaled down when it was too large.
 #[derive(Debug)]
 pub struct Scaled<'a> {
     /// Pixel format.
@@ -71,12 +72,12 @@ pub struct Scaled<'a> {
     pub height: usize,
     /// The pixels.
     pub data: Cow<'a, [u8]>,
-    /// Scaled px per original px, both ways.
+    /// Scaled px per original px, across and down.
     pub scale: [f32; 2],
 }
 
-/// Scales `picture` down until its longer side is at most `side` px and it has at
-/// most `pixels` px.
+/// Scales `picture` down until its longer side is at most `side` px and it has at most
+/// `pixels` px. A picture that fits is borrowed as it is.
 #[must_use]
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "sizes of pictures")]
 pub fn fit(picture: &Picture, side: usize, pixels: usize) -> Scaled<'_> {
@@ -109,8 +110,8 @@ pub fn fit(picture: &Picture, side: usize, pixels: usize) -> Scaled<'_> {
     Scaled { format, width: dw, height: dh, data: Cow::Owned(data), scale }
 }
 
-/// `picture` as a detector of this profile takes it: scaled down, and in the format of
-/// a sensor where one is wanted.
+/// Prepares `picture` for a detector of `profile`: scales it down, and converts it to the
+/// format of a sensor when one is given.
 #[must_use]
 pub fn prepare(picture: &Picture, profile: Profile, format: Option<PixelFormat>) -> Scaled<'_> {
     let (side, pixels) = profile.limits();
@@ -120,42 +121,43 @@ pub fn prepare(picture: &Picture, profile: Profile, format: Option<PixelFormat>)
     Scaled { format, width, height, data: Cow::Owned(data), scale: scaled.scale }
 }
 
-/// What was found in one frame, in px of the input.
+/// Results of one frame, in px of the input.
 #[derive(Clone, Debug, Default)]
 pub struct Found {
     /// Detections, best score first.
     pub detections: Vec<Detection>,
-    /// What the stages did; ticks are nanoseconds.
+    /// Counts and times of the stages; ticks are nanoseconds.
     pub stats: Stats,
-    /// Everything from the decoded pixels to the detections, ns.
+    /// Time from the decoded pixels to the detections, ns.
     pub total_ns: u64,
-    /// Corners of the frame, if asked for.
+    /// Corners of the frame; empty without [`Request::details`].
     pub corners: Vec<[f32; 2]>,
-    /// Triangles of the frame that were classified, if asked for.
+    /// Triangles of the frame that were classified; empty without [`Request::details`].
     pub keygraphs: Vec<[[f32; 2]; 3]>,
-    /// Triangles that agree with each detection, if asked for.
+    /// Triangles that agree with each detection; empty without [`Request::details`].
     pub supporters: Vec<Vec<[[f32; 2]; 3]>>,
-    /// Most elements that each of the detector's buffers held.
+    /// Maximum number of elements that each buffer of the detector held.
     pub high_water: [u32; Buffer::COUNT],
-    /// A digest of each stage's output, if asked for.
+    /// A digest of each stage's output; `None` without [`Request::digests`].
     pub digests: Option<Digests>,
-    /// Which instances these are, if they were followed.
+    /// The state of the tracker; `None` for a frame outside of a sequence.
     pub tracking: Option<Tracking>,
 }
 
-/// What a tracker says besides detections.
+/// Results of a tracker beside the detections.
 #[derive(Clone, Debug)]
 pub struct Tracking {
-    /// Id and state of each detection.
+    /// The id and the state of each detection.
     pub seen: Vec<(u32, State)>,
-    /// Instances that were lost less than a second ago, where they were last seen.
+    /// Instances that were lost less than a second ago, at the place where they were seen
+    /// last.
     pub lost: Vec<Track>,
-    /// Whether this frame was searched, and not only followed.
+    /// Whether this frame was searched; false when instances were only followed.
     pub searched: bool,
 }
 
 impl Found {
-    /// What a detector has told so far; nothing else yet.
+    /// Results with detections and counts; everything else is empty.
     #[must_use]
     pub const fn new(detections: Vec<Detection>, stats: Stats) -> Self {
         Self {
@@ -178,16 +180,16 @@ impl Found {
         self.supporters = self.detections.iter().map(|d| detector.supporters(model, d).collect()).collect();
     }
 
-    /// All detections, those of lost instances too.
+    /// All detections, with those of lost instances.
     fn all_detections(&mut self) -> impl Iterator<Item = &mut Detection> {
         let lost = self.tracking.iter_mut().flat_map(|t| &mut t.lost);
         self.detections.iter_mut().chain(lost.map(|t| &mut t.detection))
     }
 
-    /// Carries everything from a frame with so many px per px of the input to the px
-    /// of the input.
+    /// Maps all coordinates from a scaled frame to the input. `[sx, sy]` is the number of
+    /// px of the frame per px of the input, across and down.
     pub fn map_back(&mut self, [sx, sy]: [f32; 2]) {
-        let back = Homography::affine([1.0 / sx, 0.0, 0.5 / sx - 0.5, 0.0, 1.0 / sy, 0.5 / sy - 0.5]);
+        let back = scaling([1.0 / sx, 1.0 / sy]);
         for d in self.all_detections() {
             d.homography = back.after(&d.homography).normalised();
             d.corners = d.corners.map(|p| back.apply(p));
@@ -199,34 +201,42 @@ impl Found {
     }
 }
 
-/// What is wanted of a frame.
+/// How a frame is searched, and which results are reported.
 #[derive(Clone, Copy, Debug)]
 pub struct Request {
     /// Size of the detector.
     pub profile: Profile,
-    /// Least score of a detection.
+    /// Minimum score of a detection, 0 to 1.
     pub threshold: f32,
-    /// Whether to tell corners, keygraphs and supporters.
+    /// Whether to report corners, keygraphs and supporters.
     pub details: bool,
-    /// The format of the sensor that is to be stood in for; else the pixels are taken
-    /// as they were decoded.
+    /// The format of a sensor to which pixels are converted; `None` takes them as they were
+    /// decoded.
     pub format: Option<PixelFormat>,
-    /// Whether to search all of each frame for all of the model:
-    /// [`keygraph_core::detect::Detector::set_thorough`].
+    /// Whether to search all of each frame for all of the model. The core's
+    /// `Detector::set_thorough` says what this costs.
     pub thorough: bool,
-    /// Whether to tell digests; of what is searched alone, not of what is followed.
+    /// Whether to report digests. Frames of a sequence have none.
     pub digests: bool,
 }
 
+/// Parses the minimum score of a detection, 0 to 1.
+///
+/// # Errors
+/// When `text` is no number from 0 to 1.
+pub fn parse_threshold(text: &str) -> Result<f32, String> {
+    text.parse().ok().filter(|v| (0.0..=1.0).contains(v)).ok_or_else(|| "a score lies between 0 and 1".into())
+}
+
 impl Request {
-    /// Detections alone, of pixels as they were decoded.
+    /// A request for detections alone, on pixels as they were decoded.
     #[must_use]
     pub const fn new(profile: Profile, threshold: f32) -> Self {
         Self { profile, threshold, details: false, format: None, thorough: false, digests: false }
     }
 }
 
-/// Times the stages, and makes digests if asked for.
+/// The observer of a detector: times the stages, and makes digests on request.
 struct Watch {
     start: Instant,
     digests: Option<Digests>,
@@ -247,8 +257,8 @@ impl Observer for Watch {
 /// A detector of any profile.
 type AnyDetector = Detector<dyn core::Profile>;
 
-/// Most frames that are searched at once: detectors live in statics, which cost
-/// nothing until they are used.
+/// Maximum number of frames that are searched at once. Detectors live in statics, which
+/// cost no memory until they are used.
 pub const MAX_THREADS: usize = 8;
 
 static HD: [Mutex<HdDetector>; MAX_THREADS] = [const { Mutex::new(HdDetector::new()) }; MAX_THREADS];
@@ -295,7 +305,8 @@ fn follow_frame(
     Ok(found)
 }
 
-/// Looks for the model's objects in `picture` with the detector of thread `slot`.
+/// Searches `picture` for the model's objects with the detector of thread `slot`. `details`
+/// reports corners, keygraphs and supporters too.
 ///
 /// # Errors
 /// When the picture is too small.
@@ -310,7 +321,7 @@ pub fn search(
     search_for(picture, model, &Request { details, ..Request::new(profile, threshold) }, slot)
 }
 
-/// The same, with everything that can be asked for.
+/// Searches `picture` as `request` says, with the detector of thread `slot`.
 ///
 /// # Errors
 /// When the picture is too small.
@@ -318,8 +329,8 @@ pub fn search_for(picture: &Picture, model: &Model<'_>, request: &Request, slot:
     in_profile(picture, request, slot, |detector, frame| search_frame(detector, frame, model, request))
 }
 
-/// The same for the next picture of a sequence, of which `tracker` has seen the ones
-/// before.
+/// Follows the model's objects into `picture`, the next of a sequence; `tracker` has seen
+/// the pictures before it. Uses the detector of thread `slot`.
 ///
 /// # Errors
 /// When the picture is too small.
@@ -333,8 +344,8 @@ pub fn follow(
     in_profile(picture, request, slot, |detector, frame| follow_frame(detector, tracker, frame, model, request))
 }
 
-/// Prepares `picture`, lets `work` have it and the detector of thread `slot`, and takes
-/// what was found back to px of the picture.
+/// Prepares `picture`, calls `work` with it and with the detector of thread `slot`, and
+/// maps the results to px of the picture.
 fn in_profile(
     picture: &Picture,
     request: &Request,
@@ -359,6 +370,6 @@ fn in_profile(
 }
 
 fn lock<T>(m: &Mutex<T>) -> MutexGuard<'_, T> {
-    // A detector carries nothing from frame to frame that a panic could harm.
+    // A detector keeps nothing from frame to frame that a panic could damage.
     m.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
 }

@@ -1,9 +1,9 @@
-//! Pixels as a camera's sensor would give them.
+//! Pixels in the format of a camera's sensor.
 //!
-//! In: pixels as they were decoded (RGB, gray, I420). Out: the buffer of a sensor of
-//! the wanted format that sees the same, so that a laptop and a board can be given the
-//! same bytes. A column or row that the format cannot hold is cropped at the right or
-//! at the bottom, so that coordinates stay. Luma and chroma are ITU-R BT.601, limited
+//! In: pixels as they were decoded (RGB, gray, I420). Out: the buffer that a sensor of the
+//! wanted format would give, so that a laptop and a board can search the same bytes. A
+//! column or row that the format cannot hold is cropped at the right or at the bottom, so
+//! that coordinates stay the same. Luma and chroma are ITU-R BT.601, limited
 //! range, in integers; a chroma sample is the mean of the pixels that share it.
 //!
 //! Memory: the pixels as RGB, and the new buffer. Cost: a pass over the pixels.
@@ -12,7 +12,7 @@ use clap::ValueEnum;
 use clap::builder::PossibleValue;
 use keygraph_core::frame::PixelFormat;
 
-use crate::annotate::i420_to_rgb;
+use crate::canvas::i420_to_rgb;
 
 /// A format that the detector takes, as the command line names it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -46,8 +46,8 @@ impl ValueEnum for SensorFormat {
     }
 }
 
-/// `data`, a frame of `width` x `height` px, as a sensor of format `to` would give it:
-/// width, height and bytes. A frame that is in that format already is left as it is.
+/// Converts `data`, a frame of `width` x `height` px in format `from`, to format `to`.
+/// Returns width, height and bytes. A frame in that format already is copied unchanged.
 #[must_use]
 pub fn sense(
     from: PixelFormat,
@@ -103,11 +103,12 @@ pub fn sense(
     (w, h, bytes)
 }
 
+/// Luma of a colour, limited range.
 fn luma([r, g, b]: [i32; 3]) -> u8 {
     byte(((66 * r + 129 * g + 25 * b + 128) >> 8) + 16)
 }
 
-/// U and V of pixels that share them.
+/// U and V of pixels that share one chroma sample.
 fn chroma<const N: usize>(pixels: &[[i32; 3]; N]) -> [u8; 2] {
     let n = i32::try_from(N).unwrap_or(1);
     let [r, g, b] = [0, 1, 2].map(|c| pixels.iter().map(|p| p[c]).sum::<i32>() / n);
@@ -123,8 +124,8 @@ mod tests {
     use super::*;
     use keygraph_core::frame::Frame;
 
-    /// Every format gives a frame that the core takes, of an odd picture too, and
-    /// whose luma is that of the picture.
+    /// The core takes the frame of every format, even of a picture with odd sides, and sees
+    /// the luma of the picture in it.
     #[test]
     fn frames_are_whole_and_look_alike() {
         let (w, h) = (35, 17);
@@ -148,7 +149,7 @@ mod tests {
         }
     }
 
-    /// The words of the command line are those of the formats.
+    /// The values on the command line are the names of the formats.
     #[test]
     fn every_format_has_its_name() {
         for format in SensorFormat::value_variants() {

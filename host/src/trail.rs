@@ -1,8 +1,8 @@
-//! Frames of one camera or video, one after the other, through a tracker.
+//! Frames of a camera or a video, in order, through a tracker.
 //!
-//! In: pictures in order, each with the sequence that it belongs to. Out: what was
-//! found, with ids and states. A picture of another sequence than the one before
-//! starts anew: nothing is followed into it, and no id is used twice.
+//! In: pictures in order, each with the sequence that it belongs to. Out: results with ids
+//! and states. When the sequence changes, the tracker is reset: no object is followed
+//! into the new sequence, and no id is used twice.
 //!
 //! Memory: a tracker, some 3 KB. Cost: that of the tracker.
 
@@ -13,7 +13,7 @@ use keygraph_core::track::Tracker;
 use crate::input::Picture;
 use crate::search::{Found, Request, follow};
 
-/// A tracker, and the sequence that it follows things in.
+/// A tracker, and the sequence in which it follows objects.
 #[derive(Debug)]
 pub struct Trail<S> {
     tracker: Tracker,
@@ -27,16 +27,17 @@ impl<S> Default for Trail<S> {
 }
 
 impl<S: PartialEq> Trail<S> {
-    /// Has the next frame searched, whether or not all is in sight.
+    /// Makes the next frame be searched, even when all objects are in view.
     pub const fn search_next(&mut self) {
         self.tracker.search_next();
     }
 
-    /// Follows, and where needed searches, the model's objects in the next picture of
-    /// `sequence`, with the detector of thread `slot`.
+    /// Follows the model's objects into the next picture of `sequence`, and searches it where
+    /// needed, with the detector of thread `slot`.
     ///
     /// # Errors
-    /// When the picture is too small. The next one starts anew then, and after a panic.
+    /// When the picture is too small. After an error or a panic, the next picture starts a
+    /// new sequence.
     pub fn next(
         &mut self,
         sequence: S,
@@ -45,7 +46,7 @@ impl<S: PartialEq> Trail<S> {
         request: &Request,
         slot: usize,
     ) -> Result<Found> {
-        // It is put back when all went well.
+        // The sequence is put back below, when the frame was tracked.
         if self.sequence.take().is_none_or(|before| before != sequence) {
             self.tracker.reset();
         }

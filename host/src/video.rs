@@ -12,11 +12,13 @@ use std::process::ChildStdin;
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
 
-use super::annotate::Canvas;
-use super::input::{CROP_TO_EVEN, Ffmpeg};
+use crate::canvas::Canvas;
+use crate::ffmpeg::{Ffmpeg, file_argument};
+use crate::picture::extension;
+use crate::yuv4mpeg::CROP_TO_EVEN;
 
-/// A video that is being written. If it is dropped before
-/// [`finish`](Self::finish), ffmpeg is stopped and the file is useless.
+/// A video that is being written. When it is dropped before
+/// [`finish`](Self::finish), ffmpeg is stopped and the file cannot be used.
 #[derive(Debug)]
 pub struct VideoWriter {
     name: String,
@@ -28,14 +30,14 @@ pub struct VideoWriter {
 }
 
 impl VideoWriter {
-    /// Starts a video of frames of `width` x `height` pixels. `fps` is frames
-    /// per second as numerator and denominator. The extension chooses the
-    /// format: H.264 for mp4, m4v, mkv and mov, MPEG-4 part 2 for avi, VP9 for
-    /// webm. The last column or row of odd sizes is left out. An existing file
-    /// is overwritten, so it must not be the one that is being read.
+    /// Starts a video of frames of `width` x `height` pixels. `fps` is frames per second
+    /// as numerator and denominator. The extension chooses the format: H.264 for mp4, m4v,
+    /// mkv and mov, MPEG-4 part 2 for avi, VP9 for webm. The last column or row of an odd
+    /// size is left out. An existing file is overwritten: it must not be the video that is
+    /// being read.
     ///
     /// # Errors
-    /// If the extension is another one or there is no ffmpeg.
+    /// When the extension is none of these, or there is no ffmpeg.
     pub fn create(path: &Path, width: u32, height: u32, fps: (u32, u32)) -> Result<Self> {
         let name = path.display().to_string();
         ensure!(fps.0 > 0 && fps.1 > 0, "{name}: {}/{} is not a frame rate", fps.0, fps.1);
@@ -59,10 +61,7 @@ impl VideoWriter {
         let encoder = encoder_arguments(path)?;
         arguments.extend(encoder.iter().copied().map(OsString::from));
         arguments.extend(["-pix_fmt", "yuv420p"].map(OsString::from));
-        // Keeps a name such as `a:b.mp4` from being read as a protocol.
-        let mut file = OsString::from("file:");
-        file.push(path);
-        arguments.push(file);
+        arguments.push(file_argument(path));
 
         let mut ffmpeg = Ffmpeg::start(&arguments)?;
         Ok(Self { name, width, height, pipe: ffmpeg.child.stdin.take(), ffmpeg: Some(ffmpeg) })
@@ -71,8 +70,8 @@ impl VideoWriter {
     /// Adds a frame.
     ///
     /// # Errors
-    /// If it has another size than the video, or if ffmpeg has failed: then
-    /// its messages are in the error, and there is no use in writing more.
+    /// When the frame has another size than the video, or ffmpeg has failed. The error
+    /// holds ffmpeg's messages; frames that are added after it fail too.
     pub fn write(&mut self, frame: &Canvas) -> Result<()> {
         ensure!(
             (frame.width(), frame.height()) == (self.width, self.height),
@@ -88,7 +87,7 @@ impl VideoWriter {
         };
         match pipe.write_all(frame.rgb()) {
             Ok(()) => Ok(()),
-            // The pipe breaks when ffmpeg gives up: why is in its messages.
+            // The pipe breaks when ffmpeg ends; its messages say why.
             Err(error) => {
                 self.wait_for_ffmpeg()?;
                 Err(anyhow!("{}: cannot write to ffmpeg: {error}", self.name))
@@ -99,7 +98,7 @@ impl VideoWriter {
     /// Completes the file.
     ///
     /// # Errors
-    /// If ffmpeg failed; its messages are in the error.
+    /// When ffmpeg failed; the error holds its messages.
     pub fn finish(mut self) -> Result<()> {
         self.wait_for_ffmpeg()
     }
@@ -115,13 +114,12 @@ impl VideoWriter {
 }
 
 fn encoder_arguments(path: &Path) -> Result<&'static [&'static str]> {
-    let extension = path.extension().map(|extension| extension.to_string_lossy().to_ascii_lowercase());
-    match extension.as_deref() {
+    match extension(path).as_str() {
         // The index at the front of the file lets a browser start playing.
-        Some("mp4" | "m4v" | "mov") => Ok(&["-c:v", "libx264", "-movflags", "+faststart"]),
-        Some("mkv") => Ok(&["-c:v", "libx264"]),
-        Some("avi") => Ok(&["-c:v", "mpeg4", "-q:v", "3"]),
-        Some("webm") => Ok(&[
+        "mp4" | "m4v" | "mov" => Ok(&["-c:v", "libx264", "-movflags", "+faststart"]),
+        "mkv" => Ok(&["-c:v", "libx264"]),
+        "avi" => Ok(&["-c:v", "mpeg4", "-q:v", "3"]),
+        "webm" => Ok(&[
             "-c:v",
             "libvpx-vp9",
             "-deadline",
@@ -143,10 +141,10 @@ fn encoder_arguments(path: &Path) -> Result<&'static [&'static str]> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::annotate::{Outline, draw_label, draw_outline};
-    use super::super::input::scratch::{Folder, ffmpeg_makes};
-    use super::super::input::{Kind, Picture, Pixels, Source};
     use super::*;
+    use crate::annotate::{Outline, draw_label, draw_outline};
+    use crate::input::{Kind, Picture, Pixels, Source};
+    use crate::scratch::{Folder, ffmpeg_makes};
 
     fn gray_canvas(width: u32, height: u32) -> Canvas {
         Canvas::from_picture(&Picture {

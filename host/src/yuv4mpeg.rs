@@ -1,12 +1,12 @@
 //! YUV4MPEG2 streams: uncompressed video that any program can pipe into another.
 //!
-//! In: a line of text about the stream, then for every frame a line of text and its
-//! Y, U and V planes, as the manual page yuv4mpeg(5) of mjpegtools describes. Out:
-//! [`Picture`]s. Memory: one frame; larger ones than [`MAX_FRAME_PIXELS`] are refused.
+//! In: a line of text about the stream, then for every frame a line of text and its Y, U
+//! and V planes, as the manual page yuv4mpeg(5) of mjpegtools describes. Out: [`Picture`]s.
+//! Memory: one frame of at most [`MAX_FRAME_PIXELS`]. Cost: a copy of the bytes.
 //!
-//! Why not the y4m crate: its end of file is the same for a complete and for a
-//! cut-off stream, it does not name the colour space it refuses, and it
-//! multiplies the sizes in the header unchecked.
+//! The y4m crate is not used: it reports the same end for a complete stream and for one
+//! that is cut off, does not name a colour space that it refuses, and multiplies the sizes
+//! in the header without a check.
 
 use std::io::{BufRead, BufReader, Read};
 
@@ -14,17 +14,18 @@ use anyhow::{Context, Result, anyhow, bail, ensure};
 
 use crate::picture::{Picture, Pixels};
 
-/// Most pixels in a frame of a stream: a header that asks for more is refused
-/// before anything is allocated for it.
+/// Maximum number of pixels in a frame of a stream. A header that asks for more is refused
+/// before memory is allocated for it.
 pub const MAX_FRAME_PIXELS: u64 = 100_000_000;
 
-/// Frames per second given where a video does not say, as in ffmpeg.
+/// Frames per second of a video that does not give its rate, as in ffmpeg.
 pub(crate) const UNKNOWN_FPS: (u32, u32) = (25, 1);
 
-/// Longest header line of a YUV4MPEG2 stream or frame, in bytes.
+/// Maximum length of the header line of a stream or frame, bytes.
 const MAX_HEADER_BYTES: u64 = 1024;
 
-/// Drops the last column or row of odd sizes, which 4:2:0 cannot halve.
+/// Filter of ffmpeg that drops the last column or row of an odd size, which 4:2:0 cannot
+/// halve.
 pub(crate) const CROP_TO_EVEN: &str = "crop=trunc(iw/2)*2:trunc(ih/2)*2";
 
 /// First bytes of a stream.
@@ -33,7 +34,7 @@ pub(crate) const YUV4MPEG2_MAGIC: &[u8] = b"YUV4MPEG2";
 const WANTED_STREAM: &str = "is not a YUV4MPEG2 stream; make one with \
                              `ffmpeg -i FILE -f yuv4mpegpipe -pix_fmt yuv420p -strict -1 -`";
 
-/// How the samples of a frame are stored. Always 8 bits per sample.
+/// Layout of the samples of a frame, 8 bits each.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Chroma {
     Mono,
@@ -86,8 +87,8 @@ impl<R: Read> Yuv4MpegReader<R> {
         Ok(Self { reader, width, height, fps: fps.unwrap_or(UNKNOWN_FPS), chroma })
     }
 
-    /// The next frame, or `None` at the end of the stream. After an error the
-    /// place in the stream is lost: do not call again.
+    /// The next frame; `None` at the end of the stream. Do not call this again after an
+    /// error: the place in the stream is lost.
     pub(crate) fn next_frame(&mut self) -> Result<Option<Picture>> {
         if read_header_line(&mut self.reader, b"FRAME")?.is_none() {
             return Ok(None);
@@ -113,8 +114,8 @@ impl<R: Read> Yuv4MpegReader<R> {
     }
 }
 
-/// Reads a line that starts with `magic` and returns what follows. `None` if
-/// the stream ends before the line begins.
+/// Reads a line that starts with `magic` and returns the rest of the line. `None` when the
+/// stream ends before the line begins.
 fn read_header_line(reader: &mut impl BufRead, magic: &[u8]) -> Result<Option<String>> {
     let mut line = Vec::new();
     reader.take(MAX_HEADER_BYTES).read_until(b'\n', &mut line).context("cannot read the stream")?;
@@ -177,7 +178,7 @@ fn average_chroma(mut planes: Vec<u8>, luma: usize, width: usize, columns: usize
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::input::scratch::assert_says;
+    use crate::scratch::assert_says;
 
     fn header(text: &str) -> Result<Yuv4MpegReader<&[u8]>> {
         Yuv4MpegReader::new(text.as_bytes())

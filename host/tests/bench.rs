@@ -1,4 +1,4 @@
-//! `keygraph bench` as its users meet it: times, memory, and one digest.
+//! `keygraph bench` as a program: times, memory, and one digest.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::cast_possible_truncation)]
 
 mod program;
@@ -6,7 +6,7 @@ mod program;
 use program::{Folder, assets, keygraph, picture, run_in};
 use serde_json::Value;
 
-/// What `bench` prints of the compact astronaut in some frames of the sequence.
+/// Runs `bench` with the compact model of the astronaut on some frames of the sequence.
 fn bench(folder: &Folder, more: &[&str]) -> Value {
     let model = folder.join("astronaut.kgm");
     if !model.exists() {

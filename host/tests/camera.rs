@@ -1,7 +1,7 @@
 //! `keygraph camera` with a file in place of a camera: lines, page, token, signals.
 //!
 //! In: the sequence of the repository. Out: what the program prints and answers. Objects
-//! are learned in `camera_learn.rs`; the page itself is looked at in `camera_page.rs`.
+//! are learned in `camera_learn.rs`; the page is tested in `camera_page.rs`.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
 
 mod camera_live;
@@ -19,7 +19,7 @@ fn sequence() -> String {
     assets().join("sequence").to_str().unwrap().to_string()
 }
 
-/// A small model of a picture of the repository.
+/// Trains a small model on a picture of the repository.
 fn model(folder: &Folder, name: &str) -> String {
     let path = folder.join(&format!("{name}.kgm")).to_str().unwrap().to_string();
     let picture = picture(name);
@@ -55,16 +55,17 @@ fn lines_of_a_replay() {
 #[test]
 fn the_newest_frame_is_searched_and_the_others_are_counted() {
     let folder = Folder::new("newest");
-    // Nowhere in the sequence: to search all of a frame in vain takes longer than to read one.
+    // The object is in no frame of the sequence: a full search takes longer than reading a
+    // frame.
     let chelsea = model(&folder, "chelsea");
     let arguments = ["--fps", "500", "-m", &chelsea, "--json", "--frames", "6"];
     let run = keygraph(&[&["camera", "--replay", &sequence()], &arguments[..]].concat()).ended_with(0);
     let lines = run.lines();
     let of = |line: &Value, key: &str| line[key].as_u64().unwrap();
     for (before, line) in (0_u64..).zip(lines.windows(2)) {
-        // Of the frames before this one, all but those that were searched are counted by
-        // now; those that were counted a line ago had come before it. So a frame that
-        // waited gave way to each newer one.
+        // All frames before this one were searched or are counted as dropped by now, and no
+        // frame was counted as dropped before it arrived: a frame that waits is replaced by
+        // each newer one.
         let skipped = of(&line[1], "frame") - (before + 1);
         assert!(of(&line[0], "dropped") <= skipped && skipped <= of(&line[1], "dropped"), "{}\n{}", line[0], line[1]);
     }
@@ -125,8 +126,8 @@ fn the_page_shows_what_is_found_to_several_viewers() {
     assert!(page.head.contains("content-security-policy"), "{}", page.head);
     assert!(page.text().contains("<canvas"));
 
-    // One who asks for more frames than all buffers on the way hold, and reads none, holds
-    // nobody up.
+    // A viewer that asks for more frames than all buffers hold, and reads none, delays
+    // nobody.
     let mut sleeper = live.connect();
     let request = format!("GET /frame HTTP/1.1\r\nHost: {}\r\n\r\n", live.place);
     sleeper.write_all(request.repeat(1000).as_bytes()).unwrap();
@@ -207,7 +208,7 @@ fn signals_end_it_cleanly() {
     for signal in ["INT", "TERM"] {
         let mut live = Live::start(&["--replay", &sequence(), "-m", &astronaut, "--json", "--web", "127.0.0.1:0"]);
         live.frame(None, false);
-        // A viewer who waits for an event stream must not hold up the end.
+        // A viewer that waits for an event stream must not delay the end.
         let mut events = live.connect();
         write!(events, "GET /events HTTP/1.1\r\nHost: {}\r\n\r\n", live.place).unwrap();
         events.read_exact(&mut [0]).unwrap();

@@ -1,8 +1,8 @@
-//! Objects learned in front of `keygraph camera` and by `keygraph train --from-camera`,
-//! over HTTP; where models are kept.
+//! Objects learned by `keygraph camera` and by `keygraph train --from-camera`, over HTTP,
+//! and the files of their models.
 //!
 //! In: a frame of the sequence in place of a camera, and the true outline in it. Out:
-//! whether what was learned is found there, and still is after a restart.
+//! whether the learned object is found there, also after a restart.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
 
 mod camera_live;
@@ -10,6 +10,7 @@ mod program;
 
 use camera_live::{Live, outline, truth};
 use keygraph::render::corner_error;
+use keygraph_core::model::MAGIC;
 use program::{Folder, frame, keygraph, picture};
 use serde_json::json;
 
@@ -22,7 +23,7 @@ fn corners() -> String {
     shown().as_flattened().iter().map(|v| format!("{v:.1}")).collect::<Vec<_>>().join(",")
 }
 
-/// A folder of one frame: what is held up does not move.
+/// Makes a folder with one frame: an object that does not move.
 fn held_up(folder: &Folder) -> String {
     let frames = folder.join("frames");
     std::fs::create_dir_all(&frames).unwrap();
@@ -53,7 +54,7 @@ fn an_object_is_learned_from_a_frame_and_removed_again() {
     let models = live.get("/status").json()["models"].clone();
     assert_eq!(models[0]["objects"][0]["name"], "me & you");
     let saved = live.get(&format!("/models/{}", models[0]["id"]));
-    assert!(saved.body.starts_with(&keygraph_core::model::MAGIC));
+    assert!(saved.body.starts_with(&MAGIC));
     assert_eq!(live.ask("DELETE", &format!("/models/{}", models[0]["id"]), &[], b"").status, 204);
     live.frame_with(|f| f.line["detections"] == json!([]));
     assert_eq!(live.ask("POST", "/models?name=again", &[], &saved.body).status, 201);
@@ -81,7 +82,7 @@ fn what_is_learned_is_kept_until_it_is_removed() {
     assert_eq!((learned.status, &learned.json()["file"]), (201, &json!("visitor.kgm")), "{}", learned.text());
     let saved = std::fs::read(models.join("visitor.kgm")).unwrap();
     assert_eq!(live.get("/models/1").body, saved);
-    // The same name once more: another file.
+    // An object with the name of another one gets its own file.
     let again = live.ask("POST", "/models?name=visitor", &[], &saved);
     assert_eq!(again.json()["file"], "visitor-2.kgm");
     assert_eq!(live.ask("DELETE", &format!("/models/{}", again.json()["id"]), &[], b"").status, 204);
@@ -95,7 +96,8 @@ fn what_is_learned_is_kept_until_it_is_removed() {
     assert!(error < 0.03, "the outline is off by {error} of its size");
     let listed = live.get("/status").json()["models"].clone();
     assert_eq!((listed.as_array().unwrap().len(), &listed[0]["file"]), (1, &json!("visitor.kgm")));
-    // A file that cannot be removed keeps its model: nothing comes back at the next start.
+    // When a file cannot be removed, its model stays: no removed model returns at the next
+    // start.
     std::fs::remove_file(models.join("visitor.kgm")).unwrap();
     std::fs::create_dir_all(models.join("visitor.kgm/full")).unwrap();
     let path = format!("/models/{}", listed[0]["id"]);

@@ -1,8 +1,8 @@
-//! `keygraph camera --mqtt` with a real broker, Mosquitto, which is restarted in the
-//! middle.
+//! `keygraph camera --mqtt` with a real broker, Mosquitto, which is restarted during the
+//! test.
 //!
-//! In: the sequence of the repository. Out: what a subscriber receives. Skipped where
-//! there is no Mosquitto.
+//! In: the sequence of the repository. Out: the messages that a subscriber receives. Skipped
+//! when there is no Mosquitto.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
 
 mod camera_live;
@@ -30,7 +30,7 @@ impl Drop for Process {
 }
 
 fn broker(port: u16) -> Option<Process> {
-    // Debian keeps servers where only root looks.
+    // Debian installs servers in a folder that is in the path of root only.
     let start = |program: &str| {
         let port = port.to_string();
         Command::new(program)
@@ -56,7 +56,7 @@ fn broker(port: u16) -> Option<Process> {
     Some(broker)
 }
 
-/// What is published under `test/`, as topic, whether retained, payload.
+/// The messages published under `test/`: topic, whether retained, payload.
 struct Subscriber {
     _process: Process,
     messages: Receiver<String>,
@@ -75,7 +75,7 @@ impl Subscriber {
         Self { _process: Process(child), messages }
     }
 
-    /// The payload of the next message of a topic that `is_right`.
+    /// The payload of the next message of a topic for which `is_right` holds.
     fn wait_for(&self, topic: &str, is_right: impl Fn(&str) -> bool) -> String {
         let end = Instant::now() + LIMIT;
         let mut seen: Vec<String> = Vec::new();
@@ -124,7 +124,7 @@ fn a_broker_that_is_restarted() {
     let subscriber = Subscriber::new(port);
     live.wait_for("connected to the broker");
     subscriber.wait_for("test/status", |p| p == "online");
-    // This broker has forgotten all, and nothing has changed since.
+    // The new broker has no messages, and no state has changed since.
     subscriber.wait_for("test/objects/astronaut", is_found);
     let frame = |payload: String| serde_json::from_str::<Value>(&payload).unwrap()["frame"].as_u64().unwrap();
     let after = frame(subscriber.wait_for("test/detections", |_| true));
@@ -134,7 +134,7 @@ fn a_broker_that_is_restarted() {
     subscriber.wait_for("test/status", |p| p == "offline");
     assert!(live.end().0.success());
 
-    // One that dies without a word: the broker says it.
+    // When the program is killed, the broker publishes its last will.
     let live = Live::start(&arguments);
     subscriber.wait_for("test/status", |p| p == "online");
     live.signal("KILL");

@@ -1,9 +1,9 @@
 //! The page of `keygraph camera` in a real browser: headless Chromium, driven over the
 //! DevTools protocol through a pair of pipes.
 //!
-//! In: frames of the repository. Out: what the page draws, pixel by pixel, and what it
-//! does when it is clicked and typed on. Screenshots go to the folder that
-//! KEYGRAPH_SCREENSHOTS names, if it is set. Skipped where there is no Chromium.
+//! In: frames of the repository. Out: the pixels that the page draws, and what it does on
+//! clicks and keys. Screenshots go to the folder that KEYGRAPH_SCREENSHOTS names, if it is
+//! set. Skipped when there is no Chromium.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
 
 mod camera_live;
@@ -31,13 +31,13 @@ struct Browser {
     id: u64,
 }
 
-/// One tab of it, of a given size.
+/// A tab of the browser, of a given size.
 struct Tab<'a> {
     browser: &'a mut Browser,
     session: String,
 }
 
-/// The browser, or a loud word that there is none.
+/// Starts the browser. Returns `None`, and prints a line, when there is none.
 fn browser(folder: &Folder) -> Option<Browser> {
     let names = ["chromium", "chromium-browser", "google-chrome"];
     let found = names.into_iter().find(|n| Command::new(n).arg("--version").output().is_ok_and(|o| o.status.success()));
@@ -51,7 +51,7 @@ fn browser(folder: &Folder) -> Option<Browser> {
     };
     let [input, output] = ["in", "out"].map(|n| folder.join(n));
     assert!(Command::new("mkfifo").args([&input, &output]).status().unwrap().success());
-    // The protocol is spoken on descriptors 3 and 4.
+    // The protocol uses the descriptors 3 and 4.
     let child = Command::new("sh")
         .args(["-c", "exec \"$0\" \"$@\" 3<\"$IN\" 4>\"$OUT\"", program])
         .args(["--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--remote-debugging-pipe"])
@@ -132,7 +132,7 @@ impl Tab<'_> {
     fn wait_for(&mut self, expression: &str) -> Value {
         let end = Instant::now() + LIMIT;
         loop {
-            // The page may not have got so far as to know the names.
+            // The page may not have defined the names yet.
             let value =
                 self.evaluate(&format!("(() => {{ try {{ return {expression}; }} catch {{ return null; }} }})()"));
             if !matches!(value, Value::Null | Value::Bool(false)) {
@@ -163,7 +163,7 @@ impl Tab<'_> {
         self.call("Input.insertText", &json!({"text": text}));
     }
 
-    /// Keeps a screenshot, if somebody wants to see it.
+    /// Writes a screenshot when KEYGRAPH_SCREENSHOTS is set.
     fn shoot(&mut self, name: &str) {
         let Some(folder) = std::env::var_os("KEYGRAPH_SCREENSHOTS") else { return };
         let shot = self.call("Page.captureScreenshot", &json!({"format": "png"}));
@@ -199,7 +199,7 @@ fn truth(frame: usize) -> [[f64; 2]; 4] {
     })
 }
 
-/// A folder with one frame of the sequence: an object that is held still.
+/// Makes a folder with one frame of the sequence: an object that does not move.
 fn still(folder: &Folder) -> String {
     let frames = folder.join("frames");
     std::fs::create_dir_all(&frames).unwrap();
@@ -216,7 +216,8 @@ fn model(folder: &Folder) -> String {
 
 const DESK: (u32, u32, u32) = (1280, 800, 1);
 
-/// Of 40 points along the true outline, how many have the outline's colour within 2 px.
+/// Counts the points, of 40 along the true outline, that have the outline's colour within
+/// 2 px.
 const ON_OUTLINE: &str = "(() => {
     const scale = view.width / shown.line.width;
     let on = 0;
@@ -230,7 +231,7 @@ const ON_OUTLINE: &str = "(() => {
     return on;
 })()";
 
-/// Prints how long it takes from a frame that is there to its outline on the canvas.
+/// Prints the time from the arrival of a frame to its outline on the canvas.
 fn tell_delay(tab: &mut Tab<'_>) {
     let mut delays: Vec<[f64; 2]> = (0..30)
         .map(|_| {
@@ -305,7 +306,7 @@ fn an_object_is_learned_with_the_mouse() {
         tab.mouse("mouseMoved", [x1, y1]);
         tab.mouse("mouseReleased", [x1, y1]);
     }
-    // The last pixel by keyboard: there and back.
+    // Arrow keys move a corner by one pixel, there and back.
     tab.evaluate("marks[0].focus()");
     let before = tab.evaluate("outline[0][0]").as_f64().unwrap();
     tab.key("ArrowRight", "");
@@ -356,7 +357,7 @@ fn training_from_a_camera_ends_with_the_page() {
     tab.wait_for("done && $('notice').textContent.includes('poster was saved as')");
     let (status, out, _) = live.end();
     assert!(status.success() && out.contains("the picture of poster, "), "{status}: {out}");
-    // The page knows that nobody answers any more, and does not complain.
+    // The page knows that the program has ended, and shows no error.
     thread::sleep(Duration::from_secs(2));
     assert_eq!(tab.evaluate("$('notice').textContent.includes('poster was saved as')"), true);
     tab.shoot("trained");

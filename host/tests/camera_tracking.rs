@@ -1,7 +1,7 @@
-//! `keygraph camera` from frame to frame: what it says of an object that comes and goes.
+//! `keygraph camera` from frame to frame: the states of an object that comes and goes.
 //!
-//! In: frames of the repository in place of a camera. Out: JSON lines, and what the page
-//! is given.
+//! In: frames of the repository in place of a camera. Out: JSON lines, and the bodies that
+//! the page gets.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::cast_possible_truncation)]
 
 mod camera_live;
@@ -13,7 +13,7 @@ use camera_live::Live;
 use program::{Folder, keygraph, picture};
 use serde_json::Value;
 
-/// A small model of the astronaut, and a folder with these frames of the sequence.
+/// Makes a small model of the astronaut, and a folder with some frames of the sequence.
 fn setup(folder: &Folder, frames: impl Iterator<Item = u32>) -> (String, String) {
     let model = folder.join("astronaut.kgm").to_str().unwrap().to_string();
     keygraph(&["train", picture("astronaut").to_str().unwrap(), "--preset", "compact", "-o", &model]).ended_with(0);
@@ -28,7 +28,8 @@ fn setup(folder: &Folder, frames: impl Iterator<Item = u32>) -> (String, String)
 #[test]
 fn what_comes_and_goes_is_found_tracked_lost_and_found_with_its_id() {
     let folder = Folder::new("comes-and-goes");
-    // Eight frames show it, six do not; at this rate few are dropped, however slow the machine.
+    // Eight frames show the object, six do not. At this rate few frames are dropped, even on
+    // a slow machine.
     let (model, replay) = setup(&folder, [2; 8].into_iter().chain([26; 6]));
     let arguments = ["camera", "--replay", &replay, "--fps", "4", "-m", &model, "--json", "--frames", "24"];
     let run = keygraph(&arguments).ended_with(0);
@@ -38,7 +39,7 @@ fn what_comes_and_goes_is_found_tracked_lost_and_found_with_its_id() {
         let entry = match (&detections[..], &lost[..]) {
             ([seen], []) => seen,
             ([], [gone]) => gone,
-            // A round may begin before it was ever seen.
+            // A round may begin before the object was seen at all.
             ([], []) if states.is_empty() => continue,
             _ => panic!("one instance, seen or lost: {line}"),
         };
@@ -64,7 +65,7 @@ fn frames_are_followed_but_searched_while_corners_are_wanted() {
     let live = Live::start(&["--replay", &replay, "--fps", "10", "-m", &model, "--web", "127.0.0.1:0"]);
     let followed = live.frame_with(|f| f.line["searched"] == false);
     assert_eq!(followed.detection("astronaut").unwrap()["state"], "tracked", "{}", followed.line);
-    // What a request wants is there some frames later.
+    // Some frames pass until a request has its effect.
     let mut number = followed.number;
     let mut with_corners = 0;
     for _ in 0..20 {

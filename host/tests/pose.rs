@@ -1,5 +1,5 @@
-//! 6-DoF poses end to end: a picture is photographed at known poses, and the poses
-//! that `detect` reports are held against them.
+//! Poses with 6 degrees of freedom end to end: a picture is rendered at known poses, and
+//! the poses that `detect` reports are compared with them.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
 
 mod program;
@@ -17,18 +17,18 @@ const FOCAL: f64 = 560.0;
 const CENTRE: [f64; 2] = [322.0, 236.0];
 const INTRINSICS: &str = "560,560,322,236";
 const WIDTH_MM: f64 = 200.0;
-/// Width and height of its frames, px.
+/// Width and height of the camera's frames, px.
 const FRAME: (usize, usize) = (640, 480);
 const DIM_AND_NOISY: Exposure = Exposure { gain: 0.67, blur_px: 0.0, noise: 5.0 };
 
-/// Rotation in row order and the place of the picture's middle, mm.
+/// A pose: rotation in row order, and position of the picture's centre, mm.
 struct Pose {
     rotation: [f64; 9],
     translation_mm: [f64; 3],
 }
 
 impl Pose {
-    /// Turned by `turn` degrees, then tilted by `tilt` degrees about an axis in the
+    /// A pose turned by `turn` degrees, then tilted by `tilt` degrees about an axis in the
     /// frame's plane at `direction` degrees.
     fn new(tilt: f64, direction: f64, turn: f64, translation_mm: [f64; 3]) -> Self {
         let z = |a: f64| [a.cos(), -a.sin(), 0.0, a.sin(), a.cos(), 0.0, 0.0, 0.0, 1.0];
@@ -40,7 +40,7 @@ impl Pose {
         Self { rotation: times(times(times(z(direction), x(tilt)), z(-direction)), z(turn)), translation_mm }
     }
 
-    /// Picture px to frame px, for a picture of `w` x `h` px.
+    /// The map from picture px to frame px, for a picture of `w` x `h` px.
     fn map(&self, [w, h]: [f64; 2]) -> Map {
         let mm = WIDTH_MM / w;
         let (r, t) = (&self.rotation, &self.translation_mm);
@@ -58,7 +58,7 @@ impl Pose {
         })
     }
 
-    /// Degrees between the rotations, and the distance as a part of the depth.
+    /// The angle between the rotations in degrees, and the distance as a share of the depth.
     fn errors(&self, found: &Value) -> (f64, f64) {
         let (r, t) = (numbers::<9>(&found["rotation"]), numbers::<3>(&found["translation_mm"]));
         let trace: f64 = self.rotation.iter().zip(r).map(|(a, b)| a * b).sum();
@@ -67,7 +67,7 @@ impl Pose {
     }
 }
 
-/// Turned and tilted every way, 160 to 300 px wide.
+/// Poses turned and tilted in all directions, with the picture 160 to 300 px wide.
 fn poses() -> Vec<Pose> {
     let pose = |i: u32| {
         let k = f64::from(i);
@@ -78,7 +78,7 @@ fn poses() -> Vec<Pose> {
     (0..20).map(pose).collect()
 }
 
-/// The compact model of an asset.
+/// Trains the compact model of a picture of the repository.
 fn compact(folder: &Folder, name: &str) -> PathBuf {
     let model = folder.join(name).with_extension("kgm");
     let picture = picture(name);
@@ -126,7 +126,7 @@ fn reported_poses_are_those_that_were_rendered() {
         };
         let (degree, part) = truth.errors(pose);
         let other = truth.errors(&pose["mirrored"]).0;
-        // A mirrored pose is a failure where it was called clear.
+        // The mirrored pose may be reported only when the pose is ambiguous.
         mirrored += usize::from(pose["ambiguous"] == false && other < degree);
         report += &format!(
             "{i}: {degree:.2} degrees, {:.2} % of the depth, errors {} and {} px, ambiguous {}, the other {other:.2} degrees\n",
@@ -144,14 +144,14 @@ fn reported_poses_are_those_that_were_rendered() {
     assert_eq!(fs::read_dir(annotated).unwrap().count(), truths.len(), "annotated frames");
 }
 
-/// Frames twice as large with intrinsics twice as large: the same pose, though they
-/// are searched at half their size.
+/// Frames twice as large with intrinsics twice as large give the same pose, though they are
+/// searched at half their size.
 #[test]
 fn intrinsics_are_those_of_the_input_as_given() {
     let folder = Folder::new("large");
     let frame = folder.join("large.png");
     let truth = Pose::new(30.0, 40.0, 15.0, [20.0, -15.0, 420.0]);
-    // (x + 1/2) * 2 - 1/2: pixel centres are at integers.
+    // Pixel centres are at integers: x becomes (x + 1/2) * 2 - 1/2.
     let map = truth.map([600.0, 400.0]);
     let twice = |i: usize| 2.0 * map[i] + 0.5 * map[6 + i % 3];
     let large: Map = std::array::from_fn(|i| if i < 6 { twice(i) } else { map[i] });

@@ -1,7 +1,9 @@
-//! Pictures to train from as people take them: large, small, gray, cut out, lying on
-//! a table, held upside down. Each is made from a picture of the repository, trained,
-//! and must be found in a frame with the outline where it belongs, or be refused, or
-//! warned about, with what to do.
+//! Training pictures as people take them: large, small, gray, cut out, on a table, upside
+//! down.
+//!
+//! In: pictures made from those of the repository. Out: the object is found in a frame at
+//! the right place; or the picture is refused, or trained with a warning, and the message
+//! says what to do.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
 
 mod program;
@@ -16,8 +18,8 @@ use image::{ExtendedColorType, GrayImage, ImageEncoder, Rgb, RgbImage, Rgba, Rgb
 use program::{CLEAR, Folder, Map, Run, keygraph, numbers, photograph, picture, pixels};
 use serde_json::Value;
 
-/// Where frames show the astronaut, which has 512 x 512 px: some 200 px wide, turned
-/// by 25 degrees and tilted.
+/// Map from the astronaut (512 x 512 px) to the frame: some 200 px wide, turned by 25
+/// degrees and tilted.
 const SHOWN: Map = [0.38, -0.16, 220.0, 0.17, 0.36, 110.0, 1e-4, -5e-5, 1.0];
 const SIDE: f64 = 512.0;
 
@@ -29,7 +31,7 @@ fn train(picture: &Path, options: &[&str]) -> (PathBuf, Run) {
     (model, run)
 }
 
-/// The lines of `detect --json` on one frame.
+/// Runs `detect --json` on one frame.
 fn detect(model: &Path, frame: &Path) -> Run {
     keygraph(&["detect".as_ref(), "-m".as_ref(), model.as_os_str(), frame.as_ref(), "--json".as_ref()]).ended_with(0)
 }
@@ -39,7 +41,7 @@ fn apply(m: &Map, [x, y]: [f64; 2]) -> [f64; 2] {
     [(m[0] * x + m[1] * y + m[2]) / w, (m[3] * x + m[4] * y + m[5]) / w]
 }
 
-/// The only detection in a frame that shows the astronaut at `map`.
+/// Renders a frame that shows the astronaut at `map`, and returns the only detection in it.
 #[track_caller]
 fn find(folder: &Folder, model: &Path, map: &Map) -> Value {
     let frame = folder.join("frame.png");
@@ -50,8 +52,8 @@ fn find(folder: &Folder, model: &Path, map: &Map) -> Value {
     found[0].clone()
 }
 
-/// The corners are where `map` puts those of the astronaut's part from `(x, y)` to
-/// `(x1, y1)`, to 2 % of its size on average.
+/// Asserts that the corners lie where `map` puts those of the part from `(x, y)` to
+/// `(x1, y1)`. The mean error is below 2 % of the part's size.
 #[track_caller]
 fn assert_corners(found: &Value, map: &Map, [x, y, x1, y1]: [f64; 4]) {
     let truth = [[x, y], [x1, y], [x1, y1], [x, y1]].map(|p| apply(map, p));
@@ -62,13 +64,13 @@ fn assert_corners(found: &Value, map: &Map, [x, y, x1, y1]: [f64; 4]) {
     assert!(error < 0.02 * size, "{error:.1} px off, of {size:.0}: {corners:?}, not {truth:?}");
 }
 
-/// The astronaut's whole picture is found where it is.
+/// Asserts that the astronaut's whole picture is found at its place.
 #[track_caller]
 fn assert_found(folder: &Folder, model: &Path) {
     assert_corners(&find(folder, model, &SHOWN), &SHOWN, [0.0, 0.0, SIDE, SIDE]);
 }
 
-/// Width and height of the only object of a model, as `train --json` says.
+/// Width and height of the only object of a model, as `train --json` reports them.
 fn trained_size(run: &Run) -> (u64, u64) {
     let object = &run.lines()[0]["objects"][0];
     (object["width"].as_u64().unwrap(), object["height"].as_u64().unwrap())
@@ -107,7 +109,7 @@ fn a_gray_picture_is_found_in_colour() {
     assert_found(&folder, &model);
 }
 
-/// Orientation 3 is upside down; 6 and 8 lie on their side.
+/// Orientation 3 is upside down; 6 and 8 are turned by a quarter.
 #[test]
 fn a_photograph_with_exif_orientation_is_turned_upright() {
     let folder = Folder::new("exif");
@@ -136,7 +138,7 @@ fn a_cut_out_is_trained_on_its_opaque_part() {
     let folder = Folder::new("cut-out");
     let path = folder.join("cut.png");
     let photo = pixels(&picture("astronaut"));
-    // What transparent pixels hold must not matter: a busy pattern.
+    // The colours of transparent pixels must not matter: they are a busy pattern.
     let cut =
         RgbaImage::from_fn(900, 700, |x, y| match photo.get_pixel_checked(x.wrapping_sub(180), y.wrapping_sub(120)) {
             Some(&Rgb([r, g, b])) => Rgba([r, g, b, 255]),
@@ -155,7 +157,7 @@ fn a_cut_out_is_trained_on_its_opaque_part() {
     assert!(!model.exists());
 }
 
-/// The astronaut's print on a plain table that is lit from one side.
+/// The astronaut's picture on a plain table that is lit from one side.
 fn on_a_table() -> RgbImage {
     let photo = pixels(&picture("astronaut"));
     RgbImage::from_fn(1000, 900, |x, y| match photo.get_pixel_checked(x.wrapping_sub(250), y.wrapping_sub(200)) {
@@ -173,13 +175,13 @@ fn wide_margins_are_told_and_can_be_cropped() {
     let path = folder.join("table.png");
     on_a_table().save(&path).unwrap();
 
-    // As it is: found, and the outline is that of the whole picture, as is said.
+    // Without --crop it is found, with the outline of the whole picture, as the message says.
     let (model, run) = train(&path, &[]);
     let run = run.ended_with(0).said(&["table.png has plain margins", "outline of the whole picture", "--crop "]);
     assert_eq!(trained_size(&run), (1000, 900));
     assert_corners(&find(&folder, &model, &SHOWN), &SHOWN, [-250.0, -200.0, 750.0, 700.0]);
 
-    // As is advised: the object's own outline, and nothing more to say.
+    // With the --crop of the message it has the object's own outline, without a message.
     let crop = run.err.split("--crop ").nth(1).unwrap().split_whitespace().next().unwrap().to_string();
     let advised: Vec<f64> = crop.split(',').map(|n| n.parse().unwrap()).collect();
     for (a, b) in advised.iter().zip([250.0, 200.0, 512.0, 512.0]) {
@@ -245,7 +247,7 @@ fn a_poor_picture_is_trained_with_a_warning_that_says_what_to_do() {
     }
 }
 
-/// Its keygraphs are few and dear: the last that are kept are shared out with care.
+/// A soft picture has few keygraphs, which training must share out among the views.
 #[test]
 fn a_soft_picture_is_trained() {
     let folder = Folder::new("soft");

@@ -1,10 +1,10 @@
-//! The object out of a frame: what lies within an outline, straightened.
+//! The object cut out of a frame: the part within an outline, seen from the front.
 //!
-//! In: a frame, and the outline that someone drew around the object. Out: the picture
-//! of the object from the front. The map from the picture onto the outline is the one
-//! homography that carries the corners of a rectangle to the four points (P. Heckbert,
-//! "Fundamentals of Texture Mapping and Image Warping", 1989, section 2.2.3), sampled
-//! bilinearly. The sides of the picture are the means of opposite sides of the outline.
+//! In: a frame, and the outline that somebody drew around the object. Out: the picture of
+//! the object from the front. The homography from the picture onto the outline maps the
+//! corners of a rectangle to the four points (P. Heckbert, "Fundamentals of Texture Mapping
+//! and Image Warping", 1989, section 2.2.3); the frame is sampled bilinearly. Each side of
+//! the picture is the mean of two opposite sides of the outline.
 //!
 //! Memory: the picture. Cost: some 20 ns a pixel.
 
@@ -14,16 +14,16 @@ use keygraph_core::geometry::{Homography, area, is_convex};
 use crate::annotate::Canvas;
 use crate::input::{Picture, Pixels};
 
-/// Shortest side of an outline that is worth training on, px.
+/// Minimum side of an outline, px. Smaller objects have too little detail to train on.
 const MIN_SIDE_PX: f32 = 32.0;
 
 /// The corners of an object in frame px, from its top left clockwise.
 pub type Outline = [[f32; 2]; 4];
 
-/// Reads an outline: eight numbers with commas between them.
+/// Parses an outline: eight numbers with commas between them.
 ///
 /// # Errors
-/// When these are not eight numbers.
+/// When `text` is not eight numbers.
 pub fn parse_outline(text: &str) -> Result<Outline> {
     let numbers: Result<Vec<f32>, _> = text.split(',').map(|n| n.trim().parse()).collect();
     match numbers.as_deref() {
@@ -32,10 +32,10 @@ pub fn parse_outline(text: &str) -> Result<Outline> {
     }
 }
 
-/// The part of `frame` within `outline`, from the front.
+/// Cuts out the part of `frame` within `outline`, seen from the front.
 ///
 /// # Errors
-/// When the outline is too small, crosses itself, or leaves the frame.
+/// When the outline is too small, crosses itself, is not convex, or leaves the frame.
 pub fn cut_out(frame: &Picture, outline: &Outline) -> Result<Picture> {
     let (w, h) = (frame.width as f32, frame.height as f32);
     let inside = |p: &[f32; 2]| (-0.5..=w).contains(&p[0]) && (-0.5..=h).contains(&p[1]);
@@ -65,13 +65,13 @@ pub fn cut_out(frame: &Picture, outline: &Outline) -> Result<Picture> {
     Ok(Picture { width: side(width), height: side(height), pixels: Pixels::Rgb8(rgb) })
 }
 
-/// A coordinate that is not negative, in whole px.
+/// A coordinate rounded down to whole px; 0 when it is negative.
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked against the frame's size")]
 fn to_px(v: f32) -> usize {
     v.max(0.0) as usize
 }
 
-/// The homography that carries `(0,0) (w,0) (w,h) (0,h)` to the four points.
+/// The homography that maps `(0,0) (w,0) (w,h) (0,h)` to the four points.
 fn onto(p: &Outline, [w, h]: [f32; 2]) -> Homography {
     let d1 = [0, 1].map(|i| p[1][i] - p[2][i]);
     let d2 = [0, 1].map(|i| p[3][i] - p[2][i]);
@@ -83,7 +83,7 @@ fn onto(p: &Outline, [w, h]: [f32; 2]) -> Homography {
     Homography([a / w, b / h, c, d / w, e / h, f, g / w, k / h, 1.0])
 }
 
-/// The colour at a point of the canvas; that of its border outside of it.
+/// The colour at a point of the canvas. Outside of the canvas, the colour of its border.
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a mean of bytes")]
 fn sample(canvas: &Canvas, [x, y]: [f32; 2]) -> [u8; 3] {
     let (w, h) = (canvas.width() as usize, canvas.height() as usize);

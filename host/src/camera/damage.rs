@@ -1,7 +1,7 @@
-//! Frames that came damaged: skipped, counted, and told of without filling the log.
+//! Damaged frames: counted, and reported without filling the log.
 //!
-//! In: each such frame. Out: their number; a warning at the first, and at the 10th, the
-//! 100th and so on. Memory and cost: a number.
+//! In: each damaged frame. Out: their number; a warning at the first, the 10th, the 100th
+//! and so on. Memory and cost: a number.
 
 use std::fmt::Display;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 pub struct Damage(AtomicU64);
 
 impl Damage {
-    /// Notes one, of a source and with an error that says what is wrong with it.
+    /// Counts a damaged frame of `source`; `error` says what is wrong with it.
     pub fn note(&self, source: impl Display, error: &anyhow::Error) {
         match self.0.fetch_add(1, Ordering::Relaxed) + 1 {
             1 => tracing::warn!("{source}: a damaged frame is skipped, as others will be: {error:#}"),
@@ -22,7 +22,7 @@ impl Damage {
         }
     }
 
-    /// How many there were.
+    /// The number of damaged frames so far.
     pub fn count(&self) -> u64 {
         self.0.load(Ordering::Relaxed)
     }

@@ -1,9 +1,9 @@
 //! Cameras through V4L2.
 //!
-//! In: what is wished of a camera. Out: its frames into the slot; a camera that goes
-//! away is waited for. Each thing that can be wrong says what to do about it.
+//! In: a request. Out: the camera's frames, put into the slot. A camera that is unplugged is
+//! waited for. Every error says what to do about it.
 //!
-//! Memory: four buffers of the driver. Cost: [`super::mode::to_picture`] a frame.
+//! Memory: four buffers of the driver. Cost: one [`super::mode::to_picture`] a frame.
 
 use std::fs;
 use std::io;
@@ -30,50 +30,52 @@ use super::mjpeg::to_jpeg;
 use super::mode::{Format, Mode, Wish, choose, refusal, to_picture, ungranted};
 use crate::input::Picture;
 
-/// A camera that gives nothing for so long is opened anew.
+/// Maximum time without a frame. After it, the camera is opened again.
 const SILENCE: Duration = Duration::from_secs(3);
-/// Between two looks for a camera that went away.
+/// Time between two attempts to open a camera that was unplugged.
 const PAUSE: Duration = Duration::from_millis(500);
-/// Exposure and white balance have settled after so long.
+/// Time after which exposure and white balance have settled.
 const SETTLING: Duration = Duration::from_secs(2);
-/// Buffers that the driver fills: fewer lose frames, more make them older.
+/// Number of buffers that the driver fills. Fewer buffers lose frames; with more buffers,
+/// frames arrive later.
 const BUFFERS: u32 = 4;
 
-/// Controls that switch automatisms off, and their values, as `linux/v4l2-controls.h`
-/// numbers them: manual exposure, at a constant rate, without automatic gain.
+/// Controls that make the exposure manual, and their values, as in `linux/v4l2-controls.h`:
+/// manual exposure, constant frame rate, no automatic gain.
 const EXPOSURE: [(u32, i64); 3] = [(0x009A_0901, 1), (0x009A_0903, 0), (0x0098_0912, 0)];
+/// The control that makes the white balance manual, and its value.
 const WHITE_BALANCE: [(u32, i64); 1] = [(0x0098_090C, 0)];
 
-/// What is asked of a camera.
+/// Which camera to open, and how.
 #[derive(Clone, Debug, Default)]
 pub struct Request {
-    /// Its path or number; the first that gives pictures if none.
+    /// Path or number of the camera; `None` takes the first that gives pictures.
     pub device: Option<String>,
-    /// Size, format and rate.
+    /// The wished size, format and rate.
     pub wish: Wish,
-    /// Keep exposure and gain once they have settled.
+    /// Whether to keep exposure and gain as they are when they have settled.
     pub lock_exposure: bool,
-    /// Keep the white balance once it has settled.
+    /// Whether to keep the white balance as it is when it has settled.
     pub lock_white_balance: bool,
 }
 
-/// Why a camera stopped giving frames.
+/// The reason why a camera's frames ended.
 enum End {
-    /// Nobody wants any.
+    /// The slot was closed: nobody wants frames.
     Closed,
-    /// It went away or failed.
+    /// The camera was unplugged, or failed.
     Lost(anyhow::Error),
 }
 
-/// Gives frames until nobody wants any; waits for a camera that went away.
+/// Puts frames into the slot until it is closed. Waits for a camera that is unplugged.
 ///
 /// # Errors
-/// When there is no camera to begin with, or it cannot be used.
+/// When there is no camera at the start, or it cannot be used.
 pub fn capture(request: &Request, live: &Live) -> Result<()> {
     let mut number = 0;
     let mut opened = false;
     loop {
-        // The crate panics on some answers of drivers.
+        // The crate v4l panics on some answers of drivers.
         let session = || -> Result<End> {
             let path = find(request.device.as_deref())?;
             let device = open(&path)?;
@@ -130,7 +132,7 @@ fn give_frames(
             first = false;
         }
         let at = Instant::now();
-        // Frames for which the driver had no buffer.
+        // Frames are skipped when the driver had no free buffer.
         let skipped = sequence.replace(about.sequence).map_or(0, |before| skipped(before, about.sequence));
         live.frames.count_dropped(skipped);
         *number += skipped;
@@ -153,12 +155,13 @@ fn give_frames(
     Ok(End::Closed)
 }
 
-/// Frames between two that a driver numbered; none where it does not number them.
+/// Number of frames between two sequence numbers of a driver; 0 when the driver does not
+/// number frames.
 fn skipped(before: u32, sequence: u32) -> u64 {
     sequence.saturating_sub(before).saturating_sub(1).into()
 }
 
-/// A picture, and the JPEG that it was.
+/// Decodes the bytes of a frame. Returns the picture, and the JPEG if the frame was one.
 fn read_frame(mode: &Mode, stride: usize, bytes: &[u8]) -> Result<(Picture, Option<Vec<u8>>)> {
     let jpeg = (mode.format == Format::Mjpg).then(|| to_jpeg(bytes)).transpose()?;
     Ok((to_picture(mode, stride, jpeg.as_deref().unwrap_or(bytes))?, jpeg))
@@ -166,7 +169,7 @@ fn read_frame(mode: &Mode, stride: usize, bytes: &[u8]) -> Result<(Picture, Opti
 
 // ------------------------------------------------------------------- finding
 
-/// All `/dev/video*`, by number.
+/// The paths of all devices `/dev/video*`, sorted by number.
 fn nodes() -> Vec<PathBuf> {
     let number = |path: &Path| path.file_name()?.to_str()?.strip_prefix("video")?.parse::<u32>().ok();
     let entries = fs::read_dir("/dev").into_iter().flatten().flatten();
@@ -209,7 +212,7 @@ fn gives_pictures(device: &Device) -> bool {
     device.query_caps().is_ok_and(|c| c.capabilities.contains(Flags::VIDEO_CAPTURE | Flags::STREAMING))
 }
 
-/// An error of the system as what to do about it.
+/// Converts an error of the system to a message that says what to do.
 fn explain(error: io::Error, path: &Path) -> anyhow::Error {
     const ENXIO: i32 = 6;
     const EIO: i32 = 5;
@@ -236,7 +239,7 @@ fn explain(error: io::Error, path: &Path) -> anyhow::Error {
 
 // -------------------------------------------------------------------- set up
 
-/// All modes of the formats that are understood, and the names of the others.
+/// All modes in formats that this program reads, and the names of the other formats.
 fn modes(device: &Device) -> io::Result<(Vec<Mode>, Vec<String>)> {
     let (mut modes, mut others) = (Vec::new(), Vec::new());
     for description in device.enum_formats()? {
@@ -269,7 +272,7 @@ fn modes(device: &Device) -> io::Result<(Vec<Mode>, Vec<String>)> {
     Ok((modes, others))
 }
 
-/// The highest rate of a mode; 0 when the driver does not say.
+/// The maximum rate of a mode, frames a second; 0 when the driver does not tell.
 fn most_fps(device: &Device, fourcc: FourCC, width: u32, height: u32) -> f64 {
     let intervals = device.enum_frameintervals(fourcc, width, height).unwrap_or_default();
     let shortest = intervals.into_iter().map(|i| match i.interval {
@@ -279,8 +282,8 @@ fn most_fps(device: &Device, fourcc: FourCC, width: u32, height: u32) -> f64 {
     shortest.map(|f| f64::from(f.denominator) / f64::from(f.numerator.max(1))).fold(0.0, f64::max)
 }
 
-/// Asks for the mode nearest to the wish, and returns what the camera made of it, with
-/// the bytes of a row.
+/// Asks for the mode nearest to the wish. Returns the mode that the camera granted, and the
+/// bytes of a row.
 fn set_up(device: &Device, path: &Path, request: &Request) -> Result<(Mode, usize)> {
     let name = path.display();
     ensure!(gives_pictures(device), "{name} gives no pictures: see --list");
@@ -296,7 +299,7 @@ fn set_up(device: &Device, path: &Path, request: &Request) -> Result<(Mode, usiz
     if rate > 0.0 {
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a rate is at most 10,000")]
         let interval = v4l::Fraction::new(1000, (rate * 1000.0).round() as u32);
-        // Cameras without a rate to set go on at their own.
+        // A camera whose rate cannot be set keeps its own.
         if let Ok(set) = device.set_params(&Parameters::new(interval)) {
             fps = f64::from(set.interval.denominator) / f64::from(set.interval.numerator.max(1));
         }
@@ -308,10 +311,10 @@ fn set_up(device: &Device, path: &Path, request: &Request) -> Result<(Mode, usiz
     Ok((granted, got.stride as usize))
 }
 
-/// Switches automatisms off, so that what they chose last stays.
+/// Makes controls manual, so that their last automatic values stay.
 fn lock(device: &Device, path: &Path, name: &str, controls: &[(u32, i64)]) {
     let set = |&(id, value): &(u32, i64)| device.set_control(Control { id, value: Value::Integer(value) }).is_ok();
-    // Each is tried: a camera has some of them.
+    // All controls are tried: a camera has some of them.
     if controls.iter().filter(|c| set(c)).count() > 0 {
         tracing::info!("{}: {name} locked", path.display());
     } else {
@@ -324,7 +327,7 @@ fn lock(device: &Device, path: &Path, name: &str, controls: &[(u32, i64)]) {
 /// Lines that describe all cameras and their modes.
 ///
 /// # Errors
-/// When there is none.
+/// When there is no camera.
 pub fn list() -> Result<Vec<String>> {
     let nodes = nodes();
     ensure!(!nodes.is_empty(), "there is no camera: no /dev/video*; plug one in");
@@ -377,7 +380,7 @@ mod tests {
         ] {
             assert!(text.contains("/dev/video7") && text.contains(words), "{words:?} is not in: {text}");
         }
-        // What nobody thought of is told as the system tells it.
+        // All other errors keep the words of the system.
         assert!(format!("{:#}", explain(io::Error::from_raw_os_error(12), path)).contains("memory"));
     }
 

@@ -1,7 +1,7 @@
-//! An object learned from a frame that shows it.
+//! Training on an object in a frame.
 //!
-//! In: a frame, the outline of the object in it, a name, and how much the model shall
-//! hold. Out: the model, and whether the object is found by it in that very frame.
+//! In: a frame, the outline of the object in it, a name, and a plan. Out: the model, and
+//! whether it finds the object in that same frame.
 //!
 //! Memory: the picture and the model. Cost: a training, some seconds.
 
@@ -18,55 +18,57 @@ use crate::input::Picture;
 use crate::learn::{Preset, train_within};
 use crate::search::{Profile, search};
 
-/// How much a model holds, and of what.
+/// How much a model holds, and whether it has chroma.
 #[derive(Clone, Debug)]
 pub struct Plan {
     /// The preset.
     pub preset: Preset,
-    /// Most bytes of the model.
+    /// Maximum size of the model in bytes.
     pub bytes: usize,
-    /// For cameras without colour.
+    /// Whether to train on luma alone, for cameras without colour.
     pub luma: bool,
 }
 
 impl Default for Plan {
-    /// All that helps.
+    /// The preset with the most keygraphs, with luma and chroma.
     fn default() -> Self {
         Self { preset: Preset::Large, bytes: Preset::Large.bytes(), luma: false }
     }
 }
 
-/// What `keygraph train --from-camera` waits for: the first object that is learned.
+/// The task of `keygraph train --from-camera`: it waits for the first object that is
+/// learned.
 #[derive(Clone, Debug)]
 pub struct Errand {
-    /// What the object is called unless somebody says otherwise.
+    /// The default name of the object.
     pub name: String,
-    /// Where its model will be written, to be told.
+    /// The file of the model, which the page shows.
     pub output: PathBuf,
-    /// Takes the object.
+    /// The channel that takes the object.
     pub sender: Sender<Learned>,
 }
 
 /// An object that was learned.
 #[derive(Clone, Debug)]
 pub struct Learned {
-    /// What it is called.
+    /// The name of the object.
     pub name: String,
-    /// The object from the front, as it was cut out.
+    /// The picture of the object from the front.
     pub picture: Picture,
-    /// The model.
+    /// The bytes of the model.
     pub model: Vec<u8>,
-    /// What training has to tell.
+    /// The report of the training.
     pub trained: Trained,
-    /// The score with which it is found in the frame that it is from.
+    /// The score of the object in the frame that it was learned from; `None` when it is not
+    /// found there.
     pub found: Option<f32>,
 }
 
-/// Trains on what lies within `outline`, and looks for it in the frame.
+/// Trains on the part of `frame` within `outline`, and searches the frame for it.
 ///
 /// # Errors
-/// When the name is empty or too long, the outline cannot be, or there is too little to
-/// hold on to.
+/// When the name is empty or too long, the outline cannot be used, or the part has too
+/// little texture.
 pub fn learn(frame: &Picture, outline: &Outline, name: &str, plan: &Plan) -> Result<Learned> {
     let name = name.trim();
     ensure!(!name.is_empty() && name.len() <= NAME_BYTES, "give the object a name of 1 to {NAME_BYTES} bytes");

@@ -1,12 +1,11 @@
-//! Frames tracked as they come, and what is known of them shared with those who look.
+//! The newest frame through the tracker, and the state that the threads share.
 //!
-//! In: the newest frame, the models and the threshold of the moment. Out: one
-//! [`Outcome`] a frame, at once, to the caller; and the same with its picture to the
-//! painter, which encodes it for the page in a thread of its own. While somebody wants
-//! corners and triangles every frame is searched: frames that are only followed have
-//! none.
+//! In: the newest frame, and the current models and threshold. Out: one [`Outcome`] a frame
+//! to the caller at once, and the frame with its results to the painter, which encodes it
+//! for the page in its own thread. While a viewer wants corners and triangles, every frame
+//! is searched: frames in which objects are only followed have none.
 //!
-//! Memory: one frame waiting on each side. Cost: that of the tracker.
+//! Memory: one waiting frame on each side. Cost: that of the tracker.
 
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -25,38 +24,39 @@ use super::models::Models;
 use super::shot::{Shot, Work};
 use super::slot::Slot;
 use super::tracker::{State, states};
-use crate::report::frame_line;
+use crate::report::{frame_line, rounded};
 use crate::search::{Found, Request};
 use crate::trail::Trail;
 
-/// Frames that the frame rate is the mean of.
+/// Number of frames over which the frame rate is averaged.
 const RATE_FRAMES: usize = 30;
 
-/// What the threads share.
+/// The state that the threads share.
 #[derive(Debug)]
 pub struct Live {
     /// Frames from the source.
     pub frames: Slot<Captured>,
-    /// Frames that came damaged.
+    /// Damaged frames.
     pub damage: Damage,
-    /// Tracked frames on their way to the page.
+    /// Searched frames on their way to the page.
     pub work: Slot<Work>,
     /// The models in use.
     pub models: Models,
-    /// The newest tracked frame.
+    /// The newest searched frame.
     pub shots: watch::Sender<Option<Arc<Shot>>>,
-    /// What the source is called.
+    /// The name of the source.
     pub source: String,
     threshold: AtomicU32,
     trouble: Mutex<Option<String>>,
     start: Instant,
-    /// Until when somebody wants pictures, and corners and triangles, ms after `start`.
+    /// The time until which a viewer wants pictures, ms after `start`.
     watched_until: AtomicU64,
+    /// The time until which a viewer wants corners and triangles, ms after `start`.
     details_until: AtomicU64,
 }
 
 impl Live {
-    /// Nothing tracked yet.
+    /// The state before the first frame.
     #[must_use]
     pub fn new(source: String, models: Models, threshold: f32) -> Self {
         Self {
@@ -74,22 +74,22 @@ impl Live {
         }
     }
 
-    /// Least score of a detection.
+    /// The minimum score of a detection, 0 to 1.
     pub fn threshold(&self) -> f32 {
         f32::from_bits(self.threshold.load(Ordering::Relaxed))
     }
 
-    /// Sets it, from the next frame on.
+    /// Sets the minimum score of a detection, from the next frame on.
     pub fn set_threshold(&self, threshold: f32) {
         self.threshold.store(threshold.to_bits(), Ordering::Relaxed);
     }
 
-    /// Why there are no frames; `None` when there are.
+    /// The reason why there are no frames; `None` when there are.
     pub fn trouble(&self) -> Option<String> {
         self.trouble.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Says why there are no frames, or that there are again.
+    /// Sets the reason why there are no frames; `None` when there are frames again.
     pub fn set_trouble(&self, trouble: Option<String>) {
         *self.trouble.lock().unwrap_or_else(PoisonError::into_inner) = trouble;
     }
@@ -98,7 +98,8 @@ impl Live {
         u64::try_from(self.start.elapsed().as_millis()).unwrap_or(u64::MAX)
     }
 
-    /// Somebody looks, for `time` from now; `details` with corners and triangles.
+    /// Notes that a viewer wants pictures for `time` from now; with `details`, corners and
+    /// triangles too.
     pub fn look(&self, time: Duration, details: bool) {
         let until = self.now_ms() + u64::try_from(time.as_millis()).unwrap_or(0);
         self.watched_until.fetch_max(until, Ordering::Relaxed);
@@ -116,30 +117,35 @@ impl Live {
     }
 }
 
-/// What became of one frame.
+/// A threshold for JSON, rounded to three decimals.
+pub(crate) fn thousandths(threshold: f32) -> f64 {
+    f64::from((threshold * 1000.0).round()) / 1000.0
+}
+
+/// The outcome of one frame.
 #[derive(Debug)]
 pub struct Outcome {
-    /// Its line, as `--json` prints it.
+    /// The JSON line of the frame, as `--json` prints it.
     pub line: Value,
-    /// Name and state of each object of the models, and the best score of those in view.
+    /// The name and the state of each object, and the best score if it is in view.
     pub objects: Vec<(String, State, Option<f32>)>,
 }
 
-/// What a frame is the next one of: the models' generation, the frame's size and the
-/// threshold. When one of them changes, what was found before says nothing.
+/// What a tracker takes for one sequence: the models' generation, the frame's size and the
+/// threshold. When one of them changes, earlier results are of no use.
 type Sequence = (u64, (u32, u32), u32);
 
-/// Tracks objects through the frames until the slot is closed, or `each` returns false.
-/// The threshold is that of the moment, and details are told while somebody looks.
+/// Tracks objects through the frames until the slot is closed or `each` returns false. Uses
+/// the current threshold, and reports details while a viewer wants them.
 ///
 /// # Errors
-/// What `each` returned.
+/// The error that `each` returned.
 pub fn search_frames(live: &Live, wanted: Request, mut each: impl FnMut(&Outcome) -> Result<bool>) -> Result<()> {
     let mut rate = Rate::default();
     let mut trail = Trail::default();
     loop {
         let merged = live.models.merged();
-        // Parsed once a change of models, not once a frame: it reads all of it.
+        // The model is parsed once for each change, not for each frame: that reads all of it.
         let model = merged.bytes.as_ref().and_then(|b| Model::parse(b).ok());
         while live.models.generation() == merged.generation {
             let Some(captured) = live.frames.take() else { return Ok(()) };
@@ -154,12 +160,12 @@ pub fn search_frames(live: &Live, wanted: Request, mut each: impl FnMut(&Outcome
             };
             let fps = rate.tick(Instant::now());
             let mut outcome = outcome(live, &captured, model.as_ref(), found.as_ref());
-            outcome.line["fps"] = json!((fps * 100.0).round() / 100.0);
+            outcome.line["fps"] = rounded(fps, 2);
             outcome.line["dropped"] = json!(live.frames.dropped());
             outcome.line["damaged"] = json!(live.damage.count());
             outcome.line["age_ms"] = json!(captured.at.elapsed().as_millis());
             outcome.line["models"] = json!(merged.generation);
-            outcome.line["threshold"] = json!(f64::from((request.threshold * 1000.0).round()) / 1000.0);
+            outcome.line["threshold"] = json!(thousandths(request.threshold));
             let go_on = each(&outcome)?;
             let details = found.filter(|_| details);
             live.work.put(Work { captured, line: outcome.line, details, watched: live.is_watched() });
@@ -170,8 +176,8 @@ pub fn search_frames(live: &Live, wanted: Request, mut each: impl FnMut(&Outcome
     }
 }
 
-/// One look; `None` when there is nothing to look for. A panic is an error of this
-/// frame alone.
+/// Tracks one frame; `None` when there is no model. A panic becomes an error of this frame
+/// alone.
 fn look_at(
     captured: &Captured,
     model: Option<&Model<'_>>,
@@ -208,7 +214,7 @@ fn outcome(live: &Live, captured: &Captured, model: Option<&Model<'_>>, found: O
     Outcome { line, objects: states.map(|(i, state)| (model.object(i).name.to_string(), state, best(i))).collect() }
 }
 
-/// Encodes tracked frames for the page until the slot is closed.
+/// Encodes searched frames for the page until the slot is closed.
 pub fn paint(live: &Live) {
     while let Some(work) = live.work.take() {
         let frame = work.captured.number;
@@ -219,7 +225,7 @@ pub fn paint(live: &Live) {
     }
 }
 
-/// Frames a second, over the last few.
+/// The frame rate, averaged over the last [`RATE_FRAMES`] frames.
 #[derive(Debug, Default)]
 struct Rate(VecDeque<Instant>);
 

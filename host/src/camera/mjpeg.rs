@@ -1,9 +1,9 @@
-//! A frame of Motion-JPEG as a JPEG that any decoder takes.
+//! A frame of Motion-JPEG as a JPEG that any decoder reads.
 //!
-//! In: the bytes of a buffer. Out: the JPEG in it, whole. Cameras fill buffers up behind
-//! the end of the picture, and most leave the Huffman tables out, since they are always
-//! those of ITU-T T.81, annex K.3. Where part of a frame was lost on its way the end of
-//! the picture is missing: such a frame would decode, to gray below the gap.
+//! In: the bytes of a buffer. Out: the complete JPEG in it. Cameras fill the buffer after
+//! the end of the picture. Most leave out the Huffman tables, which are always those of
+//! ITU-T T.81, annex K.3. When part of a frame was lost, the end of the picture is missing;
+//! a decoder would return gray below the gap.
 //!
 //! Memory: the frame. Cost: a copy.
 
@@ -13,17 +13,17 @@ use anyhow::{Context, Result, ensure};
 use image::ExtendedColorType;
 use image::codecs::jpeg::JpegEncoder;
 
-/// Second bytes of markers: start of the picture, its end, Huffman tables, and the start
-/// of a scan, behind which there are no tables.
+/// Second bytes of markers: start of the picture, end of the picture, Huffman tables, and
+/// start of a scan. No tables follow after the start of a scan.
 const START: u8 = 0xD8;
 const END: u8 = 0xD9;
 const TABLES: u8 = 0xC4;
 const SCAN: u8 = 0xDA;
 
-/// The JPEG in a buffer, with Huffman tables.
+/// Returns the JPEG in a buffer, with Huffman tables.
 ///
 /// # Errors
-/// When it does not start or end as a JPEG does.
+/// When the buffer does not start or end as a JPEG does.
 pub fn to_jpeg(buffer: &[u8]) -> Result<Vec<u8>> {
     ensure!(buffer.starts_with(&[0xFF, START]), "a frame of {} bytes is no JPEG", buffer.len());
     let end = buffer.iter().rposition(|&b| b != 0 && b != 0xFF).map_or(0, |last| last + 1);
@@ -34,7 +34,8 @@ pub fn to_jpeg(buffer: &[u8]) -> Result<Vec<u8>> {
     Ok([&jpeg[..2], tables, &jpeg[2..]].concat())
 }
 
-/// The segments from the start of a JPEG to its first scan: marker, and all its bytes.
+/// The segments from the start of a JPEG to its first scan: the marker and all bytes of
+/// each.
 fn segments(jpeg: &[u8]) -> impl Iterator<Item = (u8, &[u8])> {
     let mut rest = jpeg.get(2..).unwrap_or_default();
     std::iter::from_fn(move || {
@@ -45,7 +46,7 @@ fn segments(jpeg: &[u8]) -> impl Iterator<Item = (u8, &[u8])> {
     })
 }
 
-/// The usual tables as segments. They are in every JPEG that `image` writes.
+/// The usual Huffman tables as segments. Every JPEG that the crate `image` writes has them.
 static USUAL_TABLES: LazyLock<Vec<u8>> = LazyLock::new(|| {
     let mut jpeg = Vec::new();
     let written = JpegEncoder::new(&mut jpeg).encode(&[0; 3], 1, 1, ExtendedColorType::Rgb8);

@@ -1,7 +1,7 @@
-//! In front of a camera: `keygraph camera`, and `keygraph train --from-camera`.
+//! Live frames: `keygraph camera`, and `keygraph train --from-camera`.
 //!
-//! In: a camera, or a file in place of one. Out: JSON lines, a page, messages to a
-//! broker. Threads, each waiting only for the one to its left:
+//! In: a camera, or a file in place of one. Out: JSON lines, a page, messages to a broker.
+//! Each thread waits only for the thread to its left:
 //!
 //! ```text
 //! source ──newest frame──► search ──newest result──► painter ──► page, events
@@ -10,27 +10,27 @@
 //!
 //! A file uses only files above it:
 //!
-//! - [`mode`]: in which ways cameras give pictures, and which to ask for
+//! - [`mode`]: the modes of a camera, and which one to ask for
 //! - [`mjpeg`]: a frame of Motion-JPEG as a JPEG
-//! - [`cutout`]: the object out of a frame, to learn it
-//! - [`arguments`]: the command line
+//! - [`cutout`]: the object cut out of a frame
+//! - [`arguments`]: arguments of the commands
 //! - [`slot`]: the newest item of a thread, for another
-//! - [`damage`]: frames that came damaged
+//! - [`damage`]: damaged frames
 //! - [`replay`]: a file in place of a camera
-//! - [`shelf`]: a folder in which models outlive the program
+//! - [`shelf`]: a folder that keeps models when the program ends
 //! - [`models`]: the models in use
-//! - [`tracker`]: from frame to frame
-//! - [`shot`]: a searched frame as it is handed out
-//! - [`live`]: frames searched as they come
+//! - [`tracker`]: the states of objects
+//! - [`shot`]: a searched frame in the form that viewers get
+//! - [`live`]: the search of the newest frame
 //! - `device`: cameras through V4L2 (with the feature `camera`, on Linux)
-//! - [`lesson`]: an object learned from a frame
-//! - [`guard`]: who may look, and who may change something
+//! - [`lesson`]: training on an object in a frame
+//! - [`guard`]: which requests are answered
 //! - [`web`]: the page
-//! - [`mqtt`]: what is found, to a broker
-//! - [`session`]: what runs beside the search
+//! - [`mqtt`]: messages to a broker
+//! - [`session`]: the threads beside the search
 //!
-//! Memory: a few frames; it does not grow. Cost: a search a frame, and a JPEG encoded
-//! while somebody looks.
+//! Memory: a few frames; it does not grow. Cost: a search a frame, and one encoded JPEG a
+//! frame while a viewer looks.
 
 pub mod mode;
 pub mod mjpeg;
@@ -52,7 +52,7 @@ pub mod web;
 pub mod mqtt;
 pub mod session;
 
-use std::io::{self, IsTerminal, Write};
+use std::io::{self, IsTerminal};
 use std::path::Path;
 use std::sync::{Arc, mpsc};
 use std::time::{Duration, Instant};
@@ -61,7 +61,8 @@ use anyhow::{Result, anyhow, ensure};
 use keygraph_core::detect::DEFAULT_THRESHOLD;
 use tracing::level_filters::LevelFilter;
 
-use crate::input::Picture;
+use crate::output::print_line;
+use crate::picture::Picture;
 use crate::search::{Profile, Request};
 use arguments::{Arguments, Lesson};
 use lesson::{Errand, Learned, Plan, learn};
@@ -74,30 +75,30 @@ use slot::Slot;
 use tracker::State;
 use web::School;
 
-/// Longest wait for those who are still being served at the end.
+/// Maximum time at the end of the program for answers that are still being sent.
 const FAREWELL: Duration = Duration::from_secs(2);
 
-/// A frame as the source gave it.
+/// A frame from the source.
 #[derive(Debug)]
 pub struct Captured {
-    /// Its index, those that were dropped included.
+    /// Index of the frame; frames that were dropped count too.
     pub number: u64,
-    /// When it was there.
+    /// Time at which the frame arrived.
     pub at: Instant,
-    /// The frame.
+    /// The frame, decoded.
     pub picture: Picture,
-    /// The same as JPEG, where the camera gives that.
+    /// The frame as JPEG, when the camera gives JPEG.
     pub jpeg: Option<Vec<u8>>,
 }
 
-/// Runs until it is told to stop, by a signal or by `--frames`, or the source ends.
+/// Runs `keygraph camera` until a signal or `--frames` stops it, or the source ends.
 ///
 /// # Errors
-/// When a model or the source cannot be read, or the page's address is not to be had.
+/// When a model or the source cannot be read, or the page's address cannot be bound.
 pub fn camera(arguments: &Arguments) -> Result<()> {
     log_to_standard_error(arguments.log);
     if arguments.list {
-        return session::list()?.iter().try_for_each(|line| print(line));
+        return session::list()?.iter().try_for_each(|line| print_line(line));
     }
     let shelf = arguments.folder.as_deref().map(Shelf::open).transpose()?;
     let models = Models::load(&arguments.models, shelf)?;
@@ -120,7 +121,7 @@ pub fn camera(arguments: &Arguments) -> Result<()> {
             publisher.take(outcome);
         }
         if arguments.json {
-            print(&outcome.line.to_string())?;
+            print_line(&outcome.line.to_string())?;
         }
         left = left.map(|n| n.saturating_sub(1));
         Ok(left != Some(0))
@@ -130,12 +131,12 @@ pub fn camera(arguments: &Arguments) -> Result<()> {
     ended
 }
 
-/// Learns the object that is held up: within the outline that is given, or that somebody
-/// marks on the page.
+/// Learns the object that is held up to the camera. Its outline is given, or somebody marks
+/// it on the page.
 ///
 /// # Errors
-/// When the source cannot be read, the page's address is not to be had, the object cannot
-/// be learned, or it is told to stop before.
+/// When the source cannot be read, the page's address cannot be bound, the object cannot be
+/// learned, or the program is stopped before.
 pub fn learn_from_camera(lesson: &Lesson, name: String, output: &Path, plan: &Plan) -> Result<Learned> {
     const STOPPED: &str = "ended before an object was learned";
     log_to_standard_error(LevelFilter::INFO);
@@ -158,8 +159,8 @@ pub fn learn_from_camera(lesson: &Lesson, name: String, output: &Path, plan: &Pl
     learned.try_recv().or_else(|_| ended.and(searched).and(Err(anyhow!(STOPPED))))
 }
 
-/// The newest frame when `countdown` is over, which starts with the first one. `None` when
-/// it ends before.
+/// Takes the newest frame when `countdown` is over; the countdown starts with the first
+/// frame. `None` when the source ends before.
 fn take_picture(frames: &Slot<Captured>, countdown: Duration) -> Option<Picture> {
     let mut captured = frames.take()?;
     let start = Instant::now();
@@ -174,25 +175,18 @@ fn take_picture(frames: &Slot<Captured>, countdown: Duration) -> Option<Picture>
     Some(captured.picture)
 }
 
+/// Starts the log on standard error.
 fn log_to_standard_error(level: LevelFilter) {
     let log = tracing_subscriber::fmt()
         .with_max_level(level)
         .with_target(false)
         .with_ansi(io::stderr().is_terminal())
         .with_writer(io::stderr);
-    // The journal of systemd has its own times. A second call, in a test, changes nothing.
+    // The journal of systemd adds its own times. A second call, in a test, changes nothing.
     let _ = if std::env::var_os("JOURNAL_STREAM").is_some() { log.without_time().try_init() } else { log.try_init() };
 }
 
-/// A line on standard output, at once.
-fn print(line: &str) -> Result<()> {
-    let mut out = io::stdout().lock();
-    writeln!(out, "{line}")?;
-    out.flush()?;
-    Ok(())
-}
-
-/// Logs objects that come and go.
+/// Logs objects that come into view and leave it.
 #[derive(Debug, Default)]
 struct Diary(Vec<(String, State)>);
 

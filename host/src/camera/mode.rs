@@ -1,9 +1,8 @@
-//! The ways in which a camera gives pictures, which one to ask for, and its bytes as a
-//! picture.
+//! The modes of a camera: which one to ask for, and its bytes as a picture.
 //!
-//! In: what the camera offers, and what is wished; then the bytes of a frame. Out: the
-//! mode to ask for; then a [`Picture`]. YUYV becomes I420, its chroma the mean of two
-//! rows: detectors look at chroma at half size both ways in any case.
+//! In: the modes that the camera offers, and a wish; then the bytes of a frame. Out: the
+//! mode to ask for; then a [`Picture`]. YUYV becomes I420, with the mean chroma of two
+//! rows: detectors use chroma at half width and half height in any case.
 //!
 //! Memory: one frame. Cost: a pass over its bytes, or the decoding of a JPEG.
 
@@ -16,25 +15,25 @@ use image::{ImageFormat, load_from_memory_with_format};
 use crate::input::{Picture, Pixels};
 use crate::picture::flatten_onto_white;
 
-/// The size that is taken if nothing else is said, px: that of the default profile.
+/// The default size, px: that of the default profile.
 const USUAL_SIZE: (u32, u32) = (640, 480);
 
-/// A pixel format that is understood.
+/// A pixel format of cameras that this program reads.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Format {
-    /// `Y0 U Y1 V`.
+    /// 4:2:2, packed: `Y0 U Y1 V`.
     Yuyv,
-    /// A JPEG a frame.
+    /// One JPEG a frame.
     Mjpg,
     /// Luma alone.
     Grey,
 }
 
 impl Format {
-    /// All, the one to take first: no decoding, no artefacts.
+    /// All formats. The first is preferred: it needs no decoding and has no artefacts.
     pub const ALL: [Self; 3] = [Self::Yuyv, Self::Mjpg, Self::Grey];
 
-    /// Its four characters, as V4L2 has them.
+    /// The four characters of the format in V4L2.
     #[must_use]
     pub const fn fourcc(self) -> [u8; 4] {
         match self {
@@ -44,7 +43,8 @@ impl Format {
         }
     }
 
-    /// The format of these four characters, if it is understood.
+    /// The format with these four characters; `None` for a format that this program does not
+    /// read.
     #[must_use]
     pub fn of(fourcc: [u8; 4]) -> Option<Self> {
         Self::ALL.into_iter().find(|f| f.fourcc() == fourcc)
@@ -62,7 +62,7 @@ impl FromStr for Format {
     }
 }
 
-/// One way in which a camera gives pictures.
+/// One mode of a camera: format, size and rate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mode {
     /// Pixel format.
@@ -71,7 +71,7 @@ pub struct Mode {
     pub width: u32,
     /// Height, px.
     pub height: u32,
-    /// Most frames a second; 0 when the camera does not say.
+    /// Maximum frames a second; 0 when the camera does not tell.
     pub fps: f64,
 }
 
@@ -83,19 +83,19 @@ impl fmt::Display for Mode {
     }
 }
 
-/// What is wished.
+/// The mode that the user wishes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Wish {
     /// Width and height, px.
     pub size: Option<(u32, u32)>,
     /// Pixel format.
     pub format: Option<Format>,
-    /// Frames a second.
+    /// Frames per second.
     pub fps: Option<f64>,
 }
 
-/// The mode nearest to what is wished: in size, then in rate (the highest if none is
-/// wished), then the simpler format. `None` when there is none of the wished format.
+/// Chooses the mode nearest to the wish: by size, then by rate (the highest without a
+/// wish), then by the order of [`Format::ALL`]. `None` when no mode has the wished format.
 #[must_use]
 pub fn choose(modes: &[Mode], wish: &Wish) -> Option<Mode> {
     let (w, h) = wish.size.unwrap_or(USUAL_SIZE);
@@ -112,8 +112,8 @@ pub fn choose(modes: &[Mode], wish: &Wish) -> Option<Mode> {
     .copied()
 }
 
-/// Why a camera will not do, of which [`choose`] takes no mode; `others` are formats
-/// that are not understood.
+/// The message for a camera of which [`choose`] takes no mode. `others` are the names of
+/// formats that this program does not read.
 #[must_use]
 pub fn refusal(modes: &[Mode], others: &[String], wish: &Wish) -> String {
     let all: Vec<String> = modes.iter().map(ToString::to_string).chain(others.iter().cloned()).collect();
@@ -129,21 +129,23 @@ pub fn refusal(modes: &[Mode], others: &[String], wish: &Wish) -> String {
     }
 }
 
-/// What of a wish the camera did not grant; `None` when it granted all.
+/// A message about the part of a wish that the camera did not grant; `None` when it granted
+/// all.
 #[must_use]
 pub fn ungranted(wish: &Wish, got: &Mode) -> Option<String> {
     let size = wish.size.filter(|&size| size != (got.width, got.height));
-    // Within what a camera's intervals, which are whole microseconds or so, make of it.
+    // The intervals of cameras are whole microseconds or so: rates are rounded.
     let fps = wish.fps.filter(|&fps| got.fps > 0.0 && (got.fps - fps).abs() > 0.01 * fps);
     let asked = [size.map(|(w, h)| format!("{w}x{h}")), fps.map(|fps| format!("{fps} frames/s"))];
     let asked: Vec<String> = asked.into_iter().flatten().collect();
     (!asked.is_empty()).then(|| format!("this camera has no {} and gives {got}: see --list", asked.join(" at ")))
 }
 
-/// Turns the bytes of a frame into a picture; `stride` is that of the buffer's rows.
+/// Converts the bytes of a frame to a picture; `stride` is the number of bytes from one row
+/// of the buffer to the next.
 ///
 /// # Errors
-/// When the frame is incomplete or damaged: the next one may be well.
+/// When the frame is incomplete or damaged. The next frame may be whole.
 pub fn to_picture(mode: &Mode, stride: usize, bytes: &[u8]) -> Result<Picture> {
     let (w, h) = (mode.width as usize, mode.height as usize);
     let row_bytes = match mode.format {
@@ -193,7 +195,7 @@ mod tests {
         Mode { format, width, height, fps }
     }
 
-    /// What a common webcam offers.
+    /// The modes of a common webcam.
     fn webcam() -> [Mode; 6] {
         [
             mode(Format::Yuyv, 1920, 1080, 5.0),

@@ -1,8 +1,8 @@
 //! The models in use, which may change while frames are searched.
 //!
-//! In: model files and freshly learned models. Out: one merged model that finds all
-//! their objects, in an [`Arc`] that a searching thread keeps until it looks again; and
-//! where there is a [`Shelf`], files that the models are found in at the next start.
+//! In: model files, and models that were just learned. Out: one merged model that finds all
+//! objects, in an [`Arc`] that the searching thread keeps until the models change. With a
+//! [`Shelf`], models are also kept as files for the next start.
 //!
 //! Memory: each model, and the merged one. Cost: a merge (some 10 ms) a change.
 
@@ -18,36 +18,36 @@ use serde_json::{Value, json};
 use super::shelf::Shelf;
 use crate::learn::merge;
 
-/// Most models at a time.
+/// Maximum number of models.
 const MOST: usize = 64;
 
 /// One model as it was given.
 #[derive(Clone, Debug)]
 pub struct Entry {
-    /// Names it for as long as the program runs.
+    /// The id of the model for as long as the program runs.
     pub id: u64,
-    /// What people call it: the file's name, or the object's.
+    /// The name for people: that of the file, or of the object.
     pub name: String,
-    /// The model.
+    /// The bytes of the model.
     pub bytes: Arc<Vec<u8>>,
-    /// Its file on the shelf, which goes when the model is removed.
+    /// The file on the shelf; it is removed with the model.
     pub file: Option<PathBuf>,
 }
 
 impl Entry {
-    /// The name of its file on the shelf.
+    /// The name of the model's file on the shelf.
     #[must_use]
     pub fn file_name(&self) -> Option<String> {
         Some(self.file.as_ref()?.file_name()?.to_string_lossy().into_owned())
     }
 }
 
-/// What a search needs: all models in one.
+/// All models merged into one, for the search.
 #[derive(Clone, Debug)]
 pub struct Merged {
-    /// Grows with each change.
+    /// The number of changes of the models so far.
     pub generation: u64,
-    /// The merged model; `None` when there is none to look for.
+    /// The merged model; `None` when there are no models.
     pub bytes: Option<Arc<Vec<u8>>>,
 }
 
@@ -67,12 +67,12 @@ struct Content {
 }
 
 impl Models {
-    /// Reads model files, and those of the shelf.
+    /// Reads the model files `paths`, and those of the shelf.
     ///
     /// # Errors
-    /// When one of `paths` cannot be read, is damaged, or does not go with the others. A
-    /// file of the shelf for which that holds is left out and told of: it shall not keep
-    /// the others from being found.
+    /// When one of `paths` cannot be read, is damaged, or does not go with the others. Such
+    /// a file of the shelf is no error: it is left out and logged, so that the others are
+    /// still found.
     pub fn load(paths: &[PathBuf], shelf: Option<Shelf>) -> Result<Self> {
         let content = Content { next_id: 1, entries: Vec::new(), merged: None };
         let kept = shelf.as_ref().map(Shelf::files).transpose()?.unwrap_or_default();
@@ -100,15 +100,15 @@ impl Models {
         self.content.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Adds a model, and keeps it where there is a shelf.
+    /// Adds a model, and writes it to the shelf if there is one.
     ///
     /// # Errors
-    /// When it is damaged, does not go with those that are there, or cannot be kept.
+    /// When the model is damaged, does not go with the others, or cannot be written.
     pub fn add(&self, name: &str, bytes: Vec<u8>) -> Result<Entry> {
         self.insert(name, bytes, |model| self.shelf.as_ref().map(|shelf| shelf.keep(name, model)).transpose())
     }
 
-    /// Adds a model whose file is what `keep` returns; that is called last.
+    /// Adds a model. `keep` writes its file and returns the path; it is called last.
     fn insert<K>(&self, name: &str, bytes: Vec<u8>, keep: K) -> Result<Entry>
     where
         K: FnOnce(&[u8]) -> Result<Option<PathBuf>>,
@@ -128,11 +128,11 @@ impl Models {
         Ok(entry)
     }
 
-    /// Removes a model, and its file from the shelf. Returns what it was, if there is one
-    /// of this id.
+    /// Removes a model, and its file from the shelf. Returns the model; `None` when no model
+    /// has this id.
     ///
     /// # Errors
-    /// When its file cannot be removed: then the model stays.
+    /// When the file cannot be removed; then the model stays.
     pub fn remove(&self, id: u64) -> Result<Option<Entry>> {
         let mut content = self.lock();
         let mut entries = content.entries.clone();
@@ -148,24 +148,24 @@ impl Models {
         Ok(Some(removed))
     }
 
-    /// The model of this id.
+    /// The model with this id.
     pub fn get(&self, id: u64) -> Option<Entry> {
         self.lock().entries.iter().find(|e| e.id == id).cloned()
     }
 
-    /// Changes when the models do; without waiting for a merge.
+    /// The number of changes of the models so far. Does not wait for a merge.
     pub fn generation(&self) -> u64 {
         self.generation.load(Ordering::Acquire)
     }
 
-    /// What to look for.
+    /// The merged model.
     pub fn merged(&self) -> Merged {
         let content = self.lock();
         Merged { generation: self.generation(), bytes: content.merged.clone() }
     }
 
     /// The list for the page: `[{"id","name","bytes","file","objects":[{"name","width",
-    /// "height"}]}]`, `file` being the name on the shelf.
+    /// "height"}]}]`; `file` is the name of the file on the shelf.
     pub fn list(&self) -> Value {
         let entries = self.lock().entries.clone();
         entries

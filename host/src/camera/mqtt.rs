@@ -1,16 +1,16 @@
-//! What is found, published to an MQTT broker (MQTT 3.1.1, over TCP).
+//! Results, published to an MQTT broker (MQTT 3.1.1, over TCP).
 //!
 //! In: the outcome of each frame. Out, under a prefix (`keygraph/HOST` by default):
 //!
 //! | topic | retained | payload |
 //! | --- | --- | --- |
-//! | `PREFIX/status` | yes | `online`, or `offline`: also what the broker says when we are gone (last will) |
-//! | `PREFIX/detections` | no | the JSON line of each frame in which something is found, and of the first in which nothing is |
+//! | `PREFIX/status` | yes | `online`, or `offline`: the broker also publishes this when the program is gone (last will) |
+//! | `PREFIX/detections` | no | the JSON line of each frame with a detection, and of the first frame without one |
 //! | `PREFIX/objects/NAME` | yes | `{"state","score","frame"}` when the state of an object changes |
 //!
-//! Nothing here is waited for: what a broker does not take in time is dropped (lines)
-//! or kept as the newest of its kind (states), and told anew when it is back. Between
-//! attempts to reach it lie 1, 2, 4 ... 30 seconds.
+//! The search does not wait for the broker. When the broker is slow, lines are dropped, and
+//! the newest state of each object is kept; it is published when the broker is back.
+//! Attempts to connect are 1, 2, 4 ... 30 seconds apart.
 //!
 //! Memory: 64 messages, and one state an object. Cost: a message a frame.
 
@@ -28,17 +28,19 @@ use tokio::time::{sleep, timeout};
 use super::FAREWELL;
 use super::live::Outcome;
 use super::tracker::State;
+use crate::report::rounded;
 
-/// Messages between us and the broker.
+/// Maximum number of messages that wait for the broker.
 const QUEUE: usize = 64;
-/// The broker takes us for gone after one and a half times this silence.
+/// Interval of keep-alive messages. The broker takes the program for gone after 1.5 times
+/// this silence.
 const KEEP_ALIVE: Duration = Duration::from_secs(10);
-/// Least and most time between two attempts to connect.
+/// Minimum and maximum time between two attempts to connect.
 const PAUSES: [Duration; 2] = [Duration::from_secs(1), Duration::from_secs(30)];
-/// Most bytes of a message: a line with many detections.
+/// Maximum size of a message in bytes: a line with many detections.
 const MOST_BYTES: usize = 1 << 20;
 
-/// Where to publish.
+/// The address of a broker, and the prefix of the topics.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Broker {
     host: String,
@@ -48,16 +50,16 @@ pub struct Broker {
 }
 
 impl Broker {
-    /// Reads `mqtt://[USER:PASSWORD@]HOST[:PORT][/PREFIX]`.
+    /// Parses `mqtt://[USER:PASSWORD@]HOST[:PORT][/PREFIX]`.
     ///
     /// # Errors
-    /// What is wrong with it.
+    /// When `url` has another form, asks for TLS, or the prefix has + or # in it.
     pub fn parse(url: &str) -> Result<Self> {
         const FORM: &str = "a broker is given as mqtt://[USER:PASSWORD@]HOST[:PORT][/PREFIX]";
         let rest = match url.split_once("://") {
             Some(("mqtt", rest)) => rest,
             Some(("mqtts" | "ssl" | "tls", _)) => {
-                bail!("TLS is not spoken: let a broker on this machine bridge to the one outside")
+                bail!("TLS is not supported: let a broker on this machine bridge to the one outside")
             }
             _ => bail!(FORM),
         };
@@ -79,7 +81,7 @@ impl Broker {
     }
 }
 
-/// `%40` and the like as the characters that they stand for.
+/// Replaces escapes such as `%40` by their characters.
 fn unescape(text: &str) -> String {
     let mut bytes = Vec::new();
     let mut rest = text.as_bytes();
@@ -99,7 +101,7 @@ fn unescape(text: &str) -> String {
     String::from_utf8_lossy(&bytes).into_owned()
 }
 
-/// A name as one level of a topic.
+/// Converts a name to one level of a topic.
 fn level(name: &str) -> String {
     name.chars().map(|c| if matches!(c, '/' | '+' | '#' | '\0') { '_' } else { c }).collect()
 }
@@ -114,24 +116,24 @@ enum Message {
     State { object: String, payload: String },
 }
 
-/// The end at which outcomes go in.
+/// The end of the channel that takes outcomes.
 #[derive(Debug)]
 pub struct Publisher {
     queue: mpsc::Sender<Message>,
     before: BTreeMap<String, State>,
     was_found: bool,
-    /// Messages that the broker was too slow for.
+    /// Number of messages that were dropped, since the broker was too slow.
     dropped: u64,
 }
 
-/// The end at which messages go out.
+/// The end of the channel that gives messages.
 #[derive(Debug)]
 pub struct Outlet {
     broker: Broker,
     queue: mpsc::Receiver<Message>,
 }
 
-/// A publisher for the detector, and its outlet for [`publish`].
+/// Makes a publisher for the search, and its outlet for [`publish`].
 #[must_use]
 pub fn channel(broker: Broker) -> (Publisher, Outlet) {
     let (sender, queue) = mpsc::channel(QUEUE);
@@ -139,7 +141,7 @@ pub fn channel(broker: Broker) -> (Publisher, Outlet) {
 }
 
 impl Publisher {
-    /// Takes the outcome of a frame; does not wait.
+    /// Takes the outcome of a frame. Does not wait.
     pub fn take(&mut self, outcome: &Outcome) {
         let mut states = BTreeMap::new();
         for (name, state, score) in &outcome.objects {
@@ -147,18 +149,18 @@ impl Publisher {
             if self.before.get(name) != Some(state) {
                 let payload = json!({
                     "state": state.name(),
-                    "score": score.map(|s| (f64::from(s) * 1e4).round() / 1e4),
+                    "score": score.map(|s| rounded(s, 4)),
                     "frame": outcome.line["frame"],
                 });
                 if !self.send(Message::State { object: name.clone(), payload: payload.to_string() }) {
-                    // It has not been told, and will be with the next frame.
+                    // The state was not sent: it will be sent with the next frame.
                     states.remove(name);
                 }
             }
         }
         for name in self.before.keys().filter(|n| !states.contains_key(*n)).cloned().collect::<Vec<_>>() {
             if outcome.objects.iter().all(|o| o.0 != name) {
-                // An empty payload takes a retained message away.
+                // An empty payload removes a retained message.
                 self.send(Message::State { object: name, payload: String::new() });
             }
         }
@@ -182,7 +184,7 @@ impl Publisher {
     }
 }
 
-/// Publishes until `stopped`, then says farewell.
+/// Publishes messages until `stopped`, then publishes `offline` and disconnects.
 pub async fn publish(outlet: Outlet, mut stopped: watch::Receiver<bool>) {
     let Outlet { broker, mut queue } = outlet;
     let status = format!("{}/status", broker.prefix);
@@ -198,7 +200,7 @@ pub async fn publish(outlet: Outlet, mut stopped: watch::Receiver<bool>) {
     let connection =
         tokio::spawn(keep_connected(events, Arc::clone(&link), format!("{}:{}", broker.host, broker.port)));
 
-    // The newest state of each object, for a broker that forgot it.
+    // The newest state of each object, for a broker that lost it.
     let mut states = BTreeMap::new();
     let send = |topic: &str, qos: QoS, retain: bool, payload: &str| {
         link.up.load(Ordering::Relaxed) && client.try_publish(topic, qos, retain, payload).is_ok()
@@ -229,14 +231,14 @@ pub async fn publish(outlet: Outlet, mut stopped: watch::Receiver<bool>) {
     }
 }
 
-/// What the connection tells the publisher.
+/// The state of the connection, for the publisher.
 #[derive(Debug, Default)]
 struct Link {
     up: AtomicBool,
     connected: Notify,
 }
 
-/// Keeps the connection up; ends when we disconnected.
+/// Keeps the connection up until this program disconnects.
 async fn keep_connected(mut events: EventLoop, link: Arc<Link>, name: String) {
     let [mut pause, most] = PAUSES;
     let mut told = false;

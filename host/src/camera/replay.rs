@@ -1,8 +1,8 @@
-//! A file in place of a camera: a video or a folder of pictures, again and again, at
+//! A file in place of a camera: plays a video or a folder of pictures again and again, at
 //! its frame rate.
 //!
-//! In: a path. Out: frames into the slot, when their time has come, whether or not
-//! those before were taken: just what a camera does.
+//! In: a path. Out: frames into the slot, each at its time. As with a camera, a frame does
+//! not wait until the frame before it is taken.
 //!
 //! Memory: one frame. Cost: decoding.
 
@@ -17,16 +17,16 @@ use super::damage::Damage;
 use super::slot::Slot;
 use crate::input::{Kind, Source};
 
-/// Pictures of a folder a second, unless told otherwise.
+/// Default rate of a folder's pictures, frames a second.
 const FOLDER_FPS: f64 = 25.0;
-/// A source that falls behind by more does not try to catch up.
+/// Maximum delay that the source makes up for. When it is later, it goes on from now.
 const PATIENCE: Duration = Duration::from_secs(1);
 
-/// Plays `path` into `frames` until that is closed, `fps` frames a second instead of
-/// the file's own rate if given. Frames that cannot be read are noted in `damage`.
+/// Plays `path` into `frames` until that is closed, at `fps` frames a second or else at the
+/// file's own rate. Frames that cannot be read are counted in `damage`.
 ///
 /// # Errors
-/// When a whole round gives no frame.
+/// When no frame of the file can be read.
 pub fn replay(path: &Path, fps: Option<f64>, frames: &Slot<Captured>, damage: &Damage) -> Result<()> {
     let name = path.display().to_string();
     let inputs = [PathBuf::from(path)];

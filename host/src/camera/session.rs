@@ -1,10 +1,9 @@
-//! What runs beside the search: the source of frames, the page, the broker, signals.
+//! The threads beside the search: the source of frames, the page and the broker, signals.
 //!
-//! In: where frames come from, and what is to be served. Out: frames in [`Live`], until
-//! the source ends, a signal comes, or the session is ended. Each thing has its thread,
-//! and none waits for the search.
+//! In: the source of frames, and what to serve. Out: frames in [`Live`], until the
+//! source ends, a signal arrives, or the session is ended. No thread waits for the search.
 //!
-//! Memory: that of the threads. Cost: none of its own.
+//! Memory and cost: those of the threads.
 
 use std::io;
 use std::net::{SocketAddr, TcpListener};
@@ -25,14 +24,14 @@ use super::mqtt::{self, Outlet};
 use super::replay::replay;
 use super::web::{self, School};
 
-/// The page: where, for whom, and how objects are learned on it.
+/// The page: its address, its token, and how objects are learned on it.
 #[derive(Debug)]
 pub struct Page {
-    /// The address that it listens on.
+    /// The address on which the page listens.
     pub address: SocketAddr,
-    /// What its users must know; none on loopback, or a random one, if `None`.
+    /// The secret that users must give. `None`: no token on loopback, else a random one.
     pub token: Option<String>,
-    /// How objects are learned.
+    /// How objects are learned on the page.
     pub school: School,
 }
 
@@ -50,7 +49,7 @@ impl Session {
     /// Starts all threads.
     ///
     /// # Errors
-    /// When the page's address is not to be had.
+    /// When the page's address cannot be bound.
     pub fn start(origin: &Origin, live: &Arc<Live>, page: Option<Page>, outlet: Option<Outlet>) -> Result<Self> {
         let (stop, stopped) = watch::channel(false);
         let network = serve(page, live, outlet, stopped)?;
@@ -73,15 +72,15 @@ impl Session {
         Ok(Self { live: Arc::clone(live), stop, network, painter, failure })
     }
 
-    /// Ends all threads, and lets who is being served have the rest.
+    /// Ends all threads, and completes the answers that are being sent.
     ///
     /// # Errors
-    /// Why the source ended, if nobody asked it to.
+    /// The reason why the source ended by itself.
     pub fn end(self) -> Result<()> {
         self.live.frames.close();
         self.live.work.close();
         let _ = self.stop.send(true);
-        // Both end by themselves now; a panic of theirs has been told.
+        // Both threads end by themselves now; a panic in them was printed already.
         let _ = self.painter.join();
         let _ = self.network.join();
         match self.failure.lock().unwrap_or_else(PoisonError::into_inner).take() {
@@ -91,7 +90,7 @@ impl Session {
     }
 }
 
-/// What a source is called.
+/// The name of a source.
 #[must_use]
 pub fn name_of(origin: &Origin) -> String {
     match (&origin.replay, &origin.device) {
@@ -114,13 +113,13 @@ fn capture(origin: &Origin, live: &Live) -> Result<()> {
 /// Lines that describe all cameras.
 ///
 /// # Errors
-/// When there is none.
+/// When there is no camera.
 #[cfg(all(feature = "camera", target_os = "linux"))]
 pub fn list() -> Result<Vec<String>> {
     device::list()
 }
 
-/// Why there is no camera, and what to do.
+/// The message that there is no camera, and what to do.
 #[cfg(not(all(feature = "camera", target_os = "linux")))]
 const NO_CAMERA: &str = "this program was built without cameras (Linux only): install libclang with `sudo apt-get install libclang-dev` \
                          and build with `cargo build --release --features keygraph/camera`, or give --replay VIDEO";
@@ -147,7 +146,7 @@ fn serve(
     mut stopped: watch::Receiver<bool>,
 ) -> Result<thread::JoinHandle<()>> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    // Before anybody can know of us: from then on a signal must end us cleanly.
+    // Before the page can be reached: from then on, a signal must end the program cleanly.
     let signals = {
         let _inside = runtime.enter();
         signal(SignalKind::interrupt()).and_then(|i| Ok((i, signal(SignalKind::terminate())?)))
@@ -164,7 +163,7 @@ fn serve(
         }
         let _ = stopped.wait_for(|&s| s).await;
         if let Some(publishing) = publishing {
-            // It ends by itself; a panic of it has been told.
+            // The task ends by itself; a panic in it was printed already.
             let _ = publishing.await;
         }
     };
@@ -174,7 +173,7 @@ fn serve(
     })?)
 }
 
-/// Takes the page's address, and says where to look.
+/// Binds the page's address, and logs its URL.
 fn listen(page: Page) -> Result<(TcpListener, Guard, School)> {
     let address = page.address;
     let listener = TcpListener::bind(address)
@@ -189,8 +188,8 @@ fn listen(page: Page) -> Result<(TcpListener, Guard, School)> {
     Ok((listener, Guard::new(token), page.school))
 }
 
-/// The first signal ends the source, and with it all else in turn; the second, all at
-/// once.
+/// Waits for signals. The first ends the source, and with it all threads; the second ends
+/// the program at once.
 async fn close_on_signal(signals: io::Result<(Signal, Signal)>, live: Arc<Live>) {
     let Ok((mut interrupt, mut terminate)) = signals else {
         return tracing::warn!("signals cannot be waited for: they end the program at once");

@@ -1,8 +1,8 @@
-//! A folder in which models outlive the program.
+//! A folder that keeps models when the program ends.
 //!
-//! In: models with names. Out: one file each, there whole or not at all, whatever
-//! happens meanwhile: it is written under another name, forced to the disk, and renamed.
-//! Memory: nothing. Cost: the disk's, some ms a model.
+//! In: models with names. Out: one file a model. A file is complete or does not exist, even
+//! after a crash: it is written under another name, flushed to the disk, and renamed.
+//! Memory: none. Cost: some ms a model on the disk.
 
 use std::fs::{self, File};
 use std::io::Write;
@@ -10,26 +10,26 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 
-/// Most characters of a file's name, without its ending and a number.
+/// Maximum number of characters of a file's name, without its extension and number.
 const LONGEST: usize = 48;
-/// Most files of one name.
+/// Maximum number of files of one name.
 const MOST: u32 = 1000;
 
-/// The folder.
+/// The folder of the models.
 #[derive(Clone, Debug)]
 pub struct Shelf(PathBuf);
 
 impl Shelf {
-    /// A folder, made if it is not there.
+    /// Opens the folder, and makes it when it does not exist.
     ///
     /// # Errors
-    /// When it cannot be made.
+    /// When the folder cannot be made.
     pub fn open(folder: &Path) -> Result<Self> {
         fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
         Ok(Self(folder.to_path_buf()))
     }
 
-    /// All models in it, by name.
+    /// The files of all models in the folder, sorted by name.
     ///
     /// # Errors
     /// When the folder cannot be read.
@@ -43,10 +43,11 @@ impl Shelf {
         Ok(files)
     }
 
-    /// Keeps a model under its name; with a number, where that is taken. Returns its file.
+    /// Writes a model under its name, with a number added when the name is taken. Returns its
+    /// file.
     ///
     /// # Errors
-    /// When it cannot be written: then nothing of it is there.
+    /// When the file cannot be written; then no part of it is left.
     pub fn keep(&self, name: &str, model: &[u8]) -> Result<PathBuf> {
         let stem = file_stem(name);
         let numbered = |n: u32| if n == 1 { format!("{stem}.kgm") } else { format!("{stem}-{n}.kgm") };
@@ -58,7 +59,7 @@ impl Shelf {
             file.write_all(model)?;
             file.sync_all()?;
             fs::rename(&unfinished, &path)?;
-            // The name, too, is on the disk now.
+            // This flushes the name to the disk, too.
             File::open(&self.0)?.sync_all()
         };
         written().with_context(|| {
@@ -68,10 +69,10 @@ impl Shelf {
         Ok(path)
     }
 
-    /// Takes a model's file away; one that is not there any more is no error.
+    /// Removes a model's file. A file that does not exist any more is no error.
     ///
     /// # Errors
-    /// When it is still there.
+    /// When the file cannot be removed, or is not in the folder.
     pub fn discard(&self, file: &Path) -> Result<()> {
         ensure!(file.parent() == Some(&self.0), "{} is not in {}", file.display(), self.0.display());
         match fs::remove_file(file) {
@@ -83,7 +84,7 @@ impl Shelf {
     }
 }
 
-/// A name as that of a file, on any system.
+/// Converts the name of an object to a file name that every system takes.
 fn file_stem(name: &str) -> String {
     let plain = |c: char| if c.is_alphanumeric() || "-_ ".contains(c) { c } else { '_' };
     let stem: String = name.trim().chars().map(plain).take(LONGEST).collect();

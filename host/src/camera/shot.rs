@@ -1,22 +1,22 @@
-//! A searched frame as it is handed to whoever looks: picture and outlines in one
-//! piece, so that neither can lag behind the other.
+//! A searched frame in the form that viewers get: picture and outlines in one piece, so
+//! that neither is behind the other.
 //!
-//! In: a frame, its JSON line, and corners and triangles where they are wanted. Out: a
-//! body of bytes for the page and the line for programs. The body, little endian:
+//! In: a frame, its JSON line, and corners and triangles when they are wanted. Out: a body
+//! of bytes for the page, and the line for programs. The body, little endian:
 //!
 //! | bytes | |
 //! | --- | --- |
 //! | 4 | length of the header |
-//! | so many | header: `{"number", "jpeg": bytes, "corners": n, "keygraphs": n, "votes": n, "line": {...}}` |
+//! | that length | header: `{"number", "jpeg": bytes, "corners": n, "keygraphs": n, "votes": n, "line": {...}}` |
 //! | `jpeg` | the picture, a JPEG |
 //! | 4 x `corners` | x and y, `i16`, quarter pixels |
 //! | 12 x `keygraphs` | three such points each: the triangles that were classified |
 //! | 12 x `votes` | the triangles that agree with a detection |
 //!
-//! Who did not ask for corners and triangles gets a body without them.
+//! A viewer that does not ask for corners and triangles gets a body without them.
 //!
-//! Memory: the body, some 60 KB at 640x480. Cost: a JPEG encoded, unless the camera
-//! gave one.
+//! Memory: the body, some 60 KB at 640x480. Cost: encoding a JPEG, unless the camera gave
+//! one.
 
 use std::time::Instant;
 
@@ -30,40 +30,40 @@ use super::Captured;
 use crate::annotate::Canvas;
 use crate::search::Found;
 
-/// Quality of pictures for the page, of 100: a model is learned from them.
+/// JPEG quality of pictures for the page, of 100. Models are learned from them.
 const QUALITY: u8 = 88;
 
-/// A searched frame on its way to those who look.
+/// A searched frame that is not encoded yet.
 #[derive(Debug)]
 pub struct Work {
     /// The frame.
     pub captured: Captured,
-    /// Its line, as `--json` prints it.
+    /// The JSON line of the frame, as `--json` prints it.
     pub line: Value,
-    /// Corners and triangles, where they are wanted.
+    /// Corners and triangles, when a viewer wants them.
     pub details: Option<Found>,
-    /// Whether somebody wants to see the picture.
+    /// Whether a viewer wants the picture.
     pub watched: bool,
 }
 
-/// A searched frame as it is handed out.
+/// A searched frame in the form that viewers get.
 #[derive(Clone, Debug)]
 pub struct Shot {
     /// Index of the frame in its source.
     pub number: u64,
     /// When the frame was captured.
     pub at: Instant,
-    /// Its line, without a line break.
+    /// The JSON line of the frame, without a line break.
     pub line: String,
-    /// The body, with corners and triangles if there are any; `None` when nobody was
-    /// looking.
+    /// The body, with corners and triangles if a viewer wanted them; `None` when there was no
+    /// viewer.
     pub body: Option<Bytes>,
-    /// Bytes of the body without corners and triangles.
+    /// Length of the body without corners and triangles, bytes.
     pub lean: usize,
 }
 
 impl Shot {
-    /// Encodes what is to be handed out.
+    /// Encodes a searched frame.
     ///
     /// # Errors
     /// When the picture cannot be encoded.

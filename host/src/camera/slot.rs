@@ -1,8 +1,8 @@
-//! A place for one item, of which only the newest counts.
+//! A place for one item: the newest.
 //!
-//! In: items from a thread that never waits. Out: the newest one, to a thread that
-//! waits for it. An item that is not taken before the next one comes is dropped and
-//! counted: whoever takes is never behind by more than what it is working on.
+//! In: items from a thread that never waits. Out: the newest item, to a thread that waits
+//! for it. An item that is not taken before the next one arrives is dropped and counted.
+//! The thread that takes is behind by at most the item that it works on.
 //!
 //! Memory: one item. Cost: a lock.
 
@@ -30,12 +30,12 @@ impl<T> Default for Slot<T> {
 
 impl<T> Slot<T> {
     fn lock(&self) -> MutexGuard<'_, Content<T>> {
-        // Nothing in here is half done when a thread panics.
+        // No change of the content is half done when a thread panics.
         self.content.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Puts an item in, in place of the one that nobody took. False when the slot is
-    /// closed: nobody will take it.
+    /// Puts an item in, and drops the item that nobody took. Returns false when the slot is
+    /// closed: nobody will take the item.
     pub fn put(&self, item: T) -> bool {
         let mut content = self.lock();
         if content.closed {
@@ -49,19 +49,19 @@ impl<T> Slot<T> {
         true
     }
 
-    /// Counts items that were dropped before they could be put in.
+    /// Counts items that were lost before they could be put in.
     pub fn count_dropped(&self, items: u64) {
         self.lock().dropped += items;
     }
 
-    /// Waits for an item. `None` when the slot is closed and empty.
+    /// Waits for an item and takes it. `None` when the slot is closed and empty.
     pub fn take(&self) -> Option<T> {
         let waiting = |content: &mut Content<T>| content.item.is_none() && !content.closed;
         let mut content = self.changed.wait_while(self.lock(), waiting).unwrap_or_else(PoisonError::into_inner);
         content.item.take()
     }
 
-    /// No more items: who waits goes on.
+    /// Closes the slot: it takes no more items, and threads that wait go on.
     pub fn close(&self) {
         self.lock().closed = true;
         self.changed.notify_all();
@@ -72,7 +72,7 @@ impl<T> Slot<T> {
         self.lock().closed
     }
 
-    /// Items that nobody took, or that were not even put in.
+    /// The number of items that nobody took, or that were lost before.
     pub fn dropped(&self) -> u64 {
         self.lock().dropped
     }

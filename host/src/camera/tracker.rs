@@ -1,29 +1,29 @@
-//! How the objects of the models stand: the states that a broker and the log are told.
+//! The states of the models' objects, for the broker and the log.
 //!
-//! In: what a tracker says of the instances in a frame. Out: a state an object, that of
-//! its instance that is known best.
+//! In: the instances that a tracker reports in a frame. Out: one state an object: the
+//! greatest of its instances.
 //!
-//! Memory: a byte an object. Cost: none to speak of.
+//! Memory: a byte an object. Cost: negligible.
 
 use keygraph_core::track;
 
 use crate::search::Found;
 
-/// How an object stands; of several instances the greatest counts.
+/// The state of an object. With several instances, the greatest state counts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum State {
-    /// Not seen lately.
+    /// The object was not seen in the last second.
     Searching,
-    /// Seen a moment ago, not now.
+    /// The object was seen in the last second, but not in this frame.
     Lost,
-    /// Found by a search of this frame.
+    /// A search of this frame found the object.
     Found,
-    /// Seen in the frame before too.
+    /// The object was followed from the frame before into this frame.
     Tracked,
 }
 
 impl State {
-    /// The name used in JSON.
+    /// The name of the state in JSON.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -34,7 +34,7 @@ impl State {
         }
     }
 
-    /// Whether it is in this frame.
+    /// Whether the object is in this frame.
     #[must_use]
     pub const fn is_seen(self) -> bool {
         matches!(self, Self::Found | Self::Tracked)
@@ -51,7 +51,7 @@ impl From<track::State> for State {
     }
 }
 
-/// The states of the model's objects after a frame that was tracked.
+/// The states of a model's objects after a frame.
 #[must_use]
 pub fn states(objects: usize, found: &Found) -> Vec<State> {
     let mut states = vec![State::Searching; objects];

@@ -1,20 +1,20 @@
-//! The page, and what programs can ask for.
+//! The page, and the requests of other programs.
 //!
-//! In: requests. Out: answers:
+//! In: requests over HTTP. Out: answers:
 //!
 //! | request | answer |
 //! | --- | --- |
 //! | `GET /` | the page, which asks for the rest |
-//! | `GET /frame?after=N&details=1` | the newest searched frame that is not number N, when there is one: picture and outlines in one body, see [`super::shot`]; 204 after 5 s without |
+//! | `GET /frame?after=N&details=1` | the newest searched frame that is not number N, as soon as there is one: picture and outlines in one body, see [`super::shot`]; 204 after 5 s without a frame |
 //! | `GET /events` | JSON lines of all frames as server-sent events |
-//! | `GET /status` | what is wrong with the source, the models, the threshold, what an [`Errand`] waits for |
+//! | `GET /status` | the trouble of the source, the models, the threshold, the [`Errand`] |
 //! | `POST /models?name=N` | adds the model in the body |
-//! | `GET /models/ID`, `DELETE /models/ID` | gives, removes a model |
-//! | `PUT /threshold?value=V` | sets the least score |
+//! | `GET /models/ID`, `DELETE /models/ID` | returns, removes a model |
+//! | `PUT /threshold?value=V` | sets the minimum score |
 //! | `POST /learn?name=N&corners=x,y,...` | trains on the part of the JPEG in the body within the outline |
 //!
-//! A viewer asks for the next frame when it has drawn the last one: each sees as many
-//! frames as it can take, always the newest, and none waits for another.
+//! A viewer asks for the next frame when it has drawn the last one. Each viewer gets as
+//! many frames as it can draw, always the newest, and waits for no other viewer.
 //!
 //! Memory: the newest frame, once for all viewers. Cost: a copy to each socket.
 
@@ -41,22 +41,23 @@ use tokio::sync::watch;
 
 use super::FAREWELL;
 use super::cutout::parse_outline;
-use super::guard::{Guard, Refusal};
+use super::guard::{Action, Guard, Refusal};
 use super::lesson::{Errand, Plan, learn};
-use super::live::Live;
+use super::live::{Live, thousandths};
+use crate::advice;
 use crate::picture::flatten_onto_white;
 
 const PAGE: &str = include_str!("../page.html");
 
-/// What the page may do: nothing but ask this program.
+/// The policy of the page: it may send requests to this program only.
 const POLICY: &str = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; \
                       img-src blob: data:; connect-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'";
 
-/// Longest wait for a frame, so that a viewer learns that there is none.
+/// Maximum wait for a frame. After it, the viewer is told that there is none.
 const PATIENCE: Duration = Duration::from_secs(5);
-/// Pictures are encoded for so long after a viewer asked.
+/// Time for which pictures are encoded after a viewer's last request.
 const ATTENTION: Duration = Duration::from_secs(7);
-/// Most bytes of a request: a large model, a photograph.
+/// Maximum size of a request in bytes: a large model or a photograph.
 const MOST_BYTES: usize = 16 << 20;
 
 #[derive(Clone)]
@@ -67,16 +68,16 @@ struct Web {
     stopped: watch::Receiver<bool>,
 }
 
-/// How objects are learned on the page, and what becomes of them.
+/// How objects are learned on the page, and who gets them.
 #[derive(Debug, Default)]
 pub struct School {
-    /// How much a model holds.
+    /// How much a model holds, and whether it has chroma.
     pub plan: Plan,
-    /// Who waits for the first object, if anybody: the page ends with it.
+    /// The command that waits for the first object, if any. It ends the page.
     pub errand: Option<Errand>,
 }
 
-/// An error of a request: what to do about it, for people to read.
+/// An error of a request, with a message for people.
 struct Problem(StatusCode, String);
 
 impl IntoResponse for Problem {
@@ -91,22 +92,23 @@ impl From<anyhow::Error> for Problem {
     }
 }
 
-/// Where to look: an address that others reach when it listens to all of them.
+/// The URL of the page. When it listens on all addresses, the URL has the address under
+/// which other machines reach this one.
 #[must_use]
 pub fn url(address: SocketAddr, token: Option<&str>) -> String {
     let mut shown = address;
     if address.ip().is_unspecified() {
-        // Nothing is sent: the system only says from where it would send.
+        // Nothing is sent: the system only tells the address from which it would send.
         let route = UdpSocket::bind("0.0.0.0:0").and_then(|s| s.connect("192.0.2.1:9").and_then(|()| s.local_addr()));
         shown.set_ip(route.map_or(std::net::Ipv4Addr::LOCALHOST.into(), |a| a.ip()));
     }
     token.map_or_else(|| format!("http://{shown}/"), |token| format!("http://{shown}/#token={token}"))
 }
 
-/// Serves until `stopped`, and then for a moment those who are still being answered.
+/// Serves the page until `stopped`, and then completes the answers that are being sent.
 ///
 /// # Errors
-/// When the listener breaks.
+/// When the listener fails.
 pub async fn serve(
     listener: TcpListener,
     guard: Guard,
@@ -142,8 +144,8 @@ pub async fn serve(
 async fn guarded(State(web): State<Web>, request: Request<Body>, next: Next) -> Response {
     let query = request.uri().query().unwrap_or_default();
     let token = query.split('&').find_map(|pair| pair.strip_prefix("token="));
-    let changes = !matches!(*request.method(), Method::GET | Method::HEAD);
-    match web.guard.check(request.headers(), token, changes) {
+    let action = if matches!(*request.method(), Method::GET | Method::HEAD) { Action::Look } else { Action::Change };
+    match web.guard.check(request.headers(), token, action) {
         Ok(()) => next.run(request).await,
         Err(refusal) => {
             let code = if refusal == Refusal::Token { StatusCode::UNAUTHORIZED } else { StatusCode::FORBIDDEN };
@@ -209,7 +211,7 @@ async fn status(State(web): State<Web>) -> impl IntoResponse {
     Json(json!({
         "source": live.source,
         "trouble": live.trouble(),
-        "threshold": f64::from((live.threshold() * 1000.0).round()) / 1000.0,
+        "threshold": thousandths(live.threshold()),
         "generation": live.models.generation(),
         "models": live.models.list(),
         "dropped": live.frames.dropped(),
@@ -233,7 +235,7 @@ async fn add_model(
     Ok((StatusCode::CREATED, Json(json!({"id": added.id, "file": added.file_name()}))))
 }
 
-/// Runs what takes its time while the others are served.
+/// Runs slow work in another thread, so that other requests are served meanwhile.
 async fn apart<T: Send + 'static>(work: impl FnOnce() -> Result<T> + Send + 'static) -> Result<T> {
     tokio::task::spawn_blocking(work).await.context("this failed; please report what was asked for")?
 }
@@ -280,7 +282,8 @@ async fn learn_object(
     Ok((StatusCode::CREATED, Json(apart(move || learn_from(&web, &lesson, &body)).await?)))
 }
 
-/// Trains on the part of a JPEG within an outline, and hands the object to whom it is for.
+/// Trains on the part of a JPEG within an outline. The object goes to the errand, or else
+/// into the models in use.
 fn learn_from(web: &Web, lesson: &Lesson, jpeg: &[u8]) -> Result<serde_json::Value> {
     let outline = parse_outline(&lesson.corners)?;
     let image = ImageReader::with_format(Cursor::new(jpeg), ImageFormat::Jpeg).decode();
@@ -289,11 +292,15 @@ fn learn_from(web: &Web, lesson: &Lesson, jpeg: &[u8]) -> Result<serde_json::Val
     let (keygraphs, found) = (learned.trained.keygraphs.kept, learned.found);
     tracing::info!("{} learned: {keygraphs} keygraphs", learned.name);
     let Some(errand) = &web.school.errand else {
+        // With an errand, the command that waits for the object warns.
+        if let Some(warning) = advice::warning(&learned.picture, &learned.trained) {
+            tracing::warn!("the picture of {} {warning}", learned.name);
+        }
         let added = web.live.models.add(&learned.name, learned.model)?;
         return Ok(json!({"id": added.id, "file": added.file_name(), "keygraphs": keygraphs, "found": found}));
     };
     errand.sender.send(learned).context("an object was learned already, and the program is ending")?;
-    // Ends the source, and with it all else in turn.
+    // This ends the source, and with it all threads.
     web.live.frames.close();
     Ok(json!({"id": null, "file": errand.output.display().to_string(), "keygraphs": keygraphs, "found": found}))
 }

@@ -1,7 +1,8 @@
-//! `keygraph camera` (and `train --from-camera`) as a process that goes on, and what one asks it over HTTP.
+//! `keygraph camera` (and `train --from-camera`) as a running process, with requests over
+//! HTTP.
 //!
-//! In: arguments; requests. Out: what it logs, prints and answers. Everything waited
-//! for has a generous limit, since test machines may be slow.
+//! In: arguments and requests. Out: the log, standard output and answers. Every wait has a
+//! generous limit, since test machines may be slow.
 #![allow(dead_code, reason = "each test file uses its own part")]
 
 use std::io::{BufRead, BufReader, Read, Write};
@@ -16,24 +17,24 @@ use serde_json::Value;
 
 use crate::program::{assets, numbers};
 
-/// Longest wait for anything.
+/// Maximum time of any wait.
 pub const LIMIT: Duration = Duration::from_secs(90);
 
 /// A running `keygraph camera`; killed when dropped.
 pub struct Live {
     child: Child,
-    /// Shared by threads that ask at the same time.
+    /// Lines of the log. Threads that send requests at the same time share it.
     log: Mutex<Receiver<String>>,
-    /// All of the log that was looked at.
+    /// Lines of the log that were read so far.
     pub logged: Vec<String>,
     out: Option<ChildStdout>,
     /// Host and port of the page.
     pub place: String,
-    /// Its token.
+    /// Token of the page.
     pub token: Option<String>,
 }
 
-/// Lines of a stream as they come.
+/// Sends the lines of a stream as they arrive.
 fn lines(stream: ChildStderr) -> Receiver<String> {
     let (sender, receiver) = channel();
     thread::spawn(move || BufReader::new(stream).lines().map_while(Result::ok).try_for_each(|l| sender.send(l)));
@@ -46,7 +47,7 @@ impl Live {
         Self::run("camera", arguments)
     }
 
-    /// The same of another command.
+    /// Starts `command` with `arguments`; waits for the page if one is asked for.
     pub fn run(command: &str, arguments: &[&str]) -> Self {
         let mut child = Command::new(env!("CARGO_BIN_EXE_keygraph"))
             .arg(command)
@@ -69,7 +70,7 @@ impl Live {
         live
     }
 
-    /// The next line of its log with `words` in it.
+    /// Waits for the next line of the log with `words` in it.
     pub fn wait_for(&mut self, words: &str) -> String {
         let end = Instant::now() + LIMIT;
         loop {
@@ -83,13 +84,14 @@ impl Live {
         }
     }
 
-    /// Sends a signal, by its name.
+    /// Sends the signal with this name.
     pub fn signal(&self, name: &str) {
         let status = Command::new("kill").args([&format!("-{name}"), &self.child.id().to_string()]).status().unwrap();
         assert!(status.success());
     }
 
-    /// Waits until it ended; its standard output and how long that took.
+    /// Waits until the process has ended. Returns its status, its standard output and the time
+    /// that the wait took.
     pub fn end(&mut self) -> (ExitStatus, String, Duration) {
         let start = Instant::now();
         let mut text = String::new();
@@ -99,7 +101,7 @@ impl Live {
         (status, text, start.elapsed())
     }
 
-    /// Asks, with `headers` and `body`.
+    /// Sends a request with `headers` and `body`.
     pub fn ask(&self, method: &str, path: &str, headers: &[(&str, &str)], body: &[u8]) -> Answer {
         let mut stream = self.connect();
         let host =
@@ -117,14 +119,14 @@ impl Live {
         Answer::parse(&bytes)
     }
 
-    /// A connection to the page.
+    /// Connects to the page.
     pub fn connect(&self) -> TcpStream {
         let stream = TcpStream::connect(&self.place).unwrap();
         stream.set_read_timeout(Some(LIMIT)).unwrap();
         stream
     }
 
-    /// Asks without a body.
+    /// Sends a GET request.
     pub fn get(&self, path: &str) -> Answer {
         self.ask("GET", path, &[], b"")
     }
@@ -144,7 +146,7 @@ impl Live {
         }
     }
 
-    /// Frames until `is_right`.
+    /// Waits for a frame for which `is_right` holds.
     pub fn frame_with(&self, is_right: impl Fn(&Frame) -> bool) -> Frame {
         let end = Instant::now() + LIMIT;
         let mut frame = self.frame(None, false);
@@ -163,7 +165,7 @@ impl Drop for Live {
     }
 }
 
-/// The outline of an object in a frame of the sequence, as it was rendered.
+/// The true outline of an object in a frame of the sequence.
 pub fn truth(frame: u64, name: &str, [w, h]: [f64; 2]) -> Option<[[f32; 2]; 4]> {
     let all: Value = serde_json::from_slice(&std::fs::read(assets().join("sequence/truth.json")).unwrap()).unwrap();
     let map = &all[frame as usize % all.as_array().unwrap().len()]["objects"][name];
@@ -204,13 +206,13 @@ impl Answer {
     }
 }
 
-/// A frame as the page gets it.
+/// A frame in the form that the page gets.
 pub struct Frame {
     pub number: u64,
     pub header: Value,
     pub line: Value,
     pub jpeg: Vec<u8>,
-    /// Bytes after the picture.
+    /// Number of bytes after the picture.
     pub details: usize,
 }
 
@@ -228,7 +230,7 @@ impl Frame {
         }
     }
 
-    /// The detection of an object, if it is there.
+    /// The detection of an object; `None` when it is not found.
     pub fn detection(&self, name: &str) -> Option<&Value> {
         self.line["detections"].as_array().unwrap().iter().find(|d| d["object"] == name)
     }

@@ -1,7 +1,7 @@
-//! What the tests of the program share: how it is run, and what it reads.
+//! What the tests of the program share: how it is run, and the files that it reads.
 //!
-//! In: arguments, standard input, maps of a picture into a frame. Out: what a run
-//! left behind, folders that clean up after themselves, rendered frames.
+//! In: arguments, standard input, maps of a picture into a frame. Out: the results of a run,
+//! temporary folders, rendered frames.
 #![allow(dead_code, reason = "each test file uses its own part")]
 
 use std::ffi::OsStr;
@@ -20,14 +20,14 @@ use serde_json::Value;
 
 // ------------------------------------------------------------------- running
 
-/// What a run left behind.
+/// The result of a run.
 pub struct Run {
     pub status: i32,
     pub out: String,
     pub err: String,
 }
 
-/// The program, with `arguments` and `input` on its standard input, in `folder`.
+/// Runs the program with `arguments`, and `input` on its standard input, in `folder`.
 pub fn run_in<S: AsRef<OsStr>>(folder: &Path, arguments: &[S], input: &[u8]) -> Run {
     let mut child = Command::new(env!("CARGO_BIN_EXE_keygraph"))
         .current_dir(folder)
@@ -39,7 +39,7 @@ pub fn run_in<S: AsRef<OsStr>>(folder: &Path, arguments: &[S], input: &[u8]) -> 
         .unwrap();
     let mut stdin = child.stdin.take().unwrap();
     let output = thread::scope(|scope| {
-        // A program that refuses its input closes the pipe: that is no error here.
+        // A program that refuses its input closes the pipe; the error of the write is ignored.
         scope.spawn(move || drop(stdin.write_all(input)));
         child.wait_with_output().unwrap()
     });
@@ -50,7 +50,7 @@ pub fn run_in<S: AsRef<OsStr>>(folder: &Path, arguments: &[S], input: &[u8]) -> 
     }
 }
 
-/// The program, with `arguments`, in the folder of temporary files.
+/// Runs the program with `arguments` in the folder of temporary files.
 pub fn keygraph<S: AsRef<OsStr>>(arguments: &[S]) -> Run {
     run_in(&std::env::temp_dir(), arguments, b"")
 }
@@ -62,7 +62,8 @@ impl Run {
         self
     }
 
-    /// Failed with status 1, printed nothing, and said all of `words`.
+    /// Asserts that the run failed with status 1, printed nothing on standard output, and said
+    /// all of `words` on standard error.
     #[track_caller]
     pub fn refused_with(self, words: &[&str]) -> Self {
         let run = self.ended_with(1);
@@ -70,7 +71,7 @@ impl Run {
         run.said(words)
     }
 
-    /// Said all of `words` on standard error.
+    /// Asserts that the run said all of `words` on standard error.
     #[track_caller]
     pub fn said(self, words: &[&str]) -> Self {
         for word in words {
@@ -80,7 +81,7 @@ impl Run {
         self
     }
 
-    /// The one JSON object that it printed.
+    /// The one JSON object on standard output.
     #[track_caller]
     pub fn object(&self) -> Value {
         let value: Value = serde_json::from_str(&self.out).unwrap_or_else(|e| panic!("{e} in\n{}", self.out));
@@ -88,7 +89,7 @@ impl Run {
         value
     }
 
-    /// Its lines, each of which must be JSON.
+    /// The lines on standard output; each must be JSON.
     #[track_caller]
     pub fn lines(&self) -> Vec<Value> {
         let line = |l: &str| serde_json::from_str(l).unwrap_or_else(|e| panic!("{e} in the line\n{l}"));
@@ -105,11 +106,11 @@ pub fn numbers<const N: usize>(v: &Value) -> [f64; N] {
 
 // --------------------------------------------------------------------- files
 
-/// An empty folder that is removed with all that is in it.
+/// An empty folder; it is removed with its content when dropped.
 pub struct Folder(pub PathBuf);
 
 impl Folder {
-    /// `name` must be used by one test of a file only.
+    /// Makes the folder. Only one test of a file may use `name`.
     pub fn new(name: &str) -> Self {
         let test = env!("CARGO_CRATE_NAME");
         let path = std::env::temp_dir().join(format!("keygraph-{test}-{}-{name}", std::process::id()));
@@ -127,7 +128,7 @@ impl Folder {
         path
     }
 
-    /// Names of the files in it, sorted.
+    /// The names of the files in the folder, sorted.
     pub fn names(&self) -> Vec<String> {
         let mut names: Vec<_> =
             fs::read_dir(&self.0).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
@@ -163,11 +164,11 @@ pub fn pixels(path: &Path) -> RgbImage {
 /// A projective map in row order.
 pub type Map = [f64; 9];
 
-/// The frame as the scene is: neither darker nor blurred, without noise.
+/// An exposure that does not change the scene: full light, no blur, no noise.
 pub const CLEAR: Exposure = Exposure { gain: 1.0, blur_px: 0.0, noise: 0.0 };
 
-/// Writes a frame of `width` x `height` px that shows a picture of the repository
-/// where `map` (picture px to frame px) puts it, before dead leaves.
+/// Writes a frame of `width` x `height` px that shows a picture of the repository before dead
+/// leaves. `map` is the map from picture px to frame px.
 pub fn photograph(name: &str, map: &Map, (width, height): (usize, usize), exposure: &Exposure, frame: &Path) {
     let mut random = Random::new(1);
     let mut scene = Scene::dead_leaves(width, height, &mut random);

@@ -1,0 +1,138 @@
+//! `keygraph detect`: objects in pictures, folders, videos or a stream.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::Result;
+use clap::error::ErrorKind;
+use keygraph::gallery::Gallery;
+use keygraph::input::Source;
+use keygraph::output::print_line;
+use keygraph::pose::{Calibration, Width, parse_intrinsics};
+use keygraph::progress::Progress;
+use keygraph::run::{Options, run as search_all};
+use keygraph::search::{Profile, parse_threshold};
+use keygraph::sensor::SensorFormat;
+use keygraph::{report, words};
+use keygraph_core::camera::Intrinsics;
+use keygraph_core::detect::DEFAULT_THRESHOLD;
+use keygraph_core::model::Model;
+
+use super::model_files::{load, parse};
+use super::usage_error;
+use super::values::Threads;
+
+/// Arguments of `keygraph detect`.
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    /// Model with the objects to find; several are searched at once
+    #[arg(short, long = "model", required = true, value_name = "MODEL.kgm")]
+    models: Vec<PathBuf>,
+    /// Pictures, folders of pictures, video files, or - for a YUV4MPEG2 stream
+    #[arg(required = true, value_name = "INPUT")]
+    inputs: Vec<PathBuf>,
+    /// Print one JSON line a frame
+    #[arg(long)]
+    json: bool,
+    /// Draw what was found: into a folder, a picture, or a video file
+    #[arg(long, value_name = "DIR|FILE")]
+    annotate: Option<PathBuf>,
+    /// Size that frames are searched at; larger ones are scaled down
+    #[arg(long, value_enum, default_value = "vga")]
+    profile: Profile,
+    /// Minimum score of a detection, 0 to 1
+    #[arg(long, default_value_t = DEFAULT_THRESHOLD, value_parser = parse_threshold)]
+    threshold: f32,
+    #[command(flatten)]
+    threads: Threads,
+    /// Search all of each frame for all of the models: finds small copies beside large
+    /// ones, and each of very many objects; takes about five times as long
+    #[arg(long)]
+    thorough: bool,
+    /// Convert frames to the format of a camera's sensor before they are searched
+    #[arg(long, value_enum, value_name = "FORMAT")]
+    format: Option<SensorFormat>,
+    /// With --json: report a digest of each stage's output, to compare machines by
+    #[arg(long, requires = "json", conflicts_with = "track")]
+    digests: bool,
+    /// Follow objects from frame to frame: faster and steadier; the inputs are taken as
+    /// frames of a camera, in order
+    #[arg(long)]
+    track: bool,
+    /// The camera's focal lengths and principal point, px of the input: reports the
+    /// pose of each object
+    #[arg(long, value_name = "FX,FY,CX,CY", requires = "width_mm", value_parser = parse_intrinsics, allow_hyphen_values = true)]
+    intrinsics: Option<Intrinsics>,
+    /// True width of every object, mm, or of the object NAME; may be repeated
+    #[arg(long, value_name = "[NAME=]W", requires = "intrinsics", allow_hyphen_values = true)]
+    width_mm: Vec<Width>,
+}
+
+impl Arguments {
+    /// Intrinsics and widths, when poses are asked for. Widths that do not fit the model
+    /// end the program.
+    fn calibration(&self, model: &Model<'_>) -> Option<Calibration> {
+        let intrinsics = self.intrinsics?;
+        let calibration = Calibration::new(intrinsics, &self.width_mm, model);
+        Some(calibration.unwrap_or_else(|e| usage_error(ErrorKind::ValueValidation, e)))
+    }
+}
+
+/// Searches the inputs and prints a line a frame.
+///
+/// # Errors
+/// When a model cannot be read, or a result cannot be written. Frames that cannot be read
+/// are reported; they make the exit status 1.
+pub fn run(arguments: &Arguments) -> Result<ExitCode> {
+    if arguments.track && arguments.threads.are_many() {
+        let message = "--track works on one frame after the other: leave --threads out";
+        usage_error(ErrorKind::ArgumentConflict, message);
+    }
+    let bytes = load(&arguments.models)?;
+    let model = parse(&bytes, &arguments.models)?;
+    let calibration = arguments.calibration(&model);
+    let options = Options {
+        profile: arguments.profile,
+        threshold: arguments.threshold,
+        format: arguments.format.map(|f| f.0),
+        thorough: arguments.thorough,
+        digests: arguments.digests,
+        threads: arguments.threads.count(),
+        track: arguments.track,
+        annotate: arguments.annotate.is_some(),
+        calibration: calibration.as_ref(),
+    };
+    let mut source = Source::open(&arguments.inputs)?;
+    let mut gallery = arguments.annotate.as_deref().map(|path| Gallery::new(path, &arguments.inputs)).transpose()?;
+    let progress = Progress::new(source.len_hint(), "frames");
+    let mut failed = false;
+    search_all(&mut source, &model, &options, |outcome| {
+        progress.tick();
+        match outcome.result {
+            Err(e) => {
+                failed = true;
+                progress.print(&format!("keygraph: {e:#}"));
+                if arguments.json {
+                    let line = report::error_line(&outcome.source, outcome.frame, &format!("{e:#}"));
+                    progress.aside(|| print_line(&line.to_string()))?;
+                }
+            }
+            Ok(s) => {
+                let line = if arguments.json {
+                    report::frame_line(&outcome.source, outcome.frame, s.size, &model, &s.found, s.poses.as_deref())
+                        .to_string()
+                } else {
+                    words::frame(&outcome.source, outcome.frame, &model, &s)
+                };
+                progress.aside(|| print_line(&line))?;
+                if let (Some(g), Some(c)) = (&mut gallery, &s.canvas) {
+                    g.add(&outcome.source, outcome.kind, c)?;
+                }
+            }
+        }
+        Ok(())
+    })?;
+    progress.finish();
+    gallery.map_or(Ok(()), Gallery::finish)?;
+    Ok(if failed { ExitCode::FAILURE } else { ExitCode::SUCCESS })
+}

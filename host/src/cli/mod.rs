@@ -1,0 +1,87 @@
+//! The command line: one file a command, with its arguments and what it does.
+//!
+//! - `model_files`: models as files, read and parsed
+//! - `values`: values of arguments that several commands take
+//! - `train`, `pack`, `inspect`, `assess`, `detect`, `bench`, `camera`, `demo`: the commands
+
+mod model_files;
+mod values;
+
+mod assess;
+mod bench;
+mod camera;
+mod demo;
+mod detect;
+mod inspect;
+mod pack;
+mod train;
+
+use std::fmt::Display;
+use std::process::ExitCode;
+
+use anyhow::Result;
+use clap::error::ErrorKind;
+use clap::{CommandFactory, Parser, Subcommand};
+
+/// Finds planar objects (books, posters, boxes, signs) in camera frames from one
+/// picture of each.
+#[derive(Debug, Parser)]
+#[command(version)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Train a model on one picture of an object, or on an object held up to a camera
+    Train(Box<train::Arguments>),
+    /// Merge models into one file that finds all their objects
+    Pack(pack::Arguments),
+    /// Tell what is in a model
+    Inspect(inspect::Arguments),
+    /// Tell how well a picture will be found, before it is used
+    ///
+    /// Renders frames that show the picture over a range of scale, rotation, tilt,
+    /// blur, darkness and noise, searches them, and reports a score from 0 to 100,
+    /// the table behind it, and what limits it.
+    Assess(assess::Arguments),
+    /// Find the objects of models in pictures, folders, videos or a stream
+    Detect(detect::Arguments),
+    /// Measure the search: time by stage, memory by buffer, one digest
+    ///
+    /// Searches the same frames again and again on one thread. Each pass must find what
+    /// the first pass found. The digest stands for the output of all stages; it is the
+    /// same on every machine.
+    Bench(bench::Arguments),
+    /// Find the objects of models in front of a camera, live
+    ///
+    /// Prints JSON lines, serves a page that shows what is seen and learns objects
+    /// that are held up, and runs until it is told to stop.
+    Camera(Box<camera::Arguments>),
+    /// Train on the repository's pictures and find them in its sequence
+    Demo(demo::Arguments),
+}
+
+/// Reads the command line and runs the command.
+///
+/// # Errors
+/// When the command fails. A wrong command line ends the program with status 2.
+pub fn run() -> Result<ExitCode> {
+    match Cli::parse().command {
+        Command::Train(arguments) => train::run(&arguments)?,
+        Command::Pack(arguments) => pack::run(&arguments)?,
+        Command::Inspect(arguments) => inspect::run(&arguments)?,
+        Command::Assess(arguments) => assess::run(&arguments)?,
+        Command::Detect(arguments) => return detect::run(&arguments),
+        Command::Bench(arguments) => bench::run(&arguments)?,
+        Command::Camera(arguments) => camera::run(&arguments)?,
+        Command::Demo(arguments) => demo::run(&arguments)?,
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Ends the program with status 2, as a wrong command line does.
+fn usage_error(kind: ErrorKind, message: impl Display) -> ! {
+    Cli::command().error(kind, message).exit()
+}

@@ -1,0 +1,47 @@
+//! Models as files: read, merged and parsed, with messages that name the file.
+
+use std::path::{Path, PathBuf};
+use std::{fs, io, slice};
+
+use anyhow::{Context, Error, Result};
+use keygraph::learn::merge;
+use keygraph_core::model::Model;
+use keygraph_core::write::PackError;
+
+/// Reads models, and merges several into one. A single model is not checked: [`parse`] does
+/// that once, since it takes most of the time in which a search gets ready.
+///
+/// # Errors
+/// When a file cannot be read; when one of several models is damaged or does not go with
+/// the others.
+pub fn load(paths: &[PathBuf]) -> Result<Vec<u8>> {
+    let mut models = paths.iter().map(|path| read(path)).collect::<Result<Vec<_>>>()?;
+    if models.len() == 1 {
+        return Ok(models.remove(0));
+    }
+    for (bytes, path) in models.iter().zip(paths) {
+        parse(bytes, slice::from_ref(path))?;
+    }
+    merge(&models).map_err(|e| match e.downcast_ref() {
+        Some(&PackError::Different { index }) => e.context(paths[index].display().to_string()),
+        _ => e,
+    })
+}
+
+fn read(path: &Path) -> Result<Vec<u8>> {
+    fs::read(path).map_err(|e| {
+        let advice = match e.kind() {
+            io::ErrorKind::NotFound => " (make one with `keygraph train`)",
+            _ => "",
+        };
+        Error::new(e).context(format!("cannot read the model {}{advice}", path.display()))
+    })
+}
+
+/// Parses the model that was loaded from `paths`.
+///
+/// # Errors
+/// When the model is damaged; the message names the first path.
+pub fn parse<'a>(bytes: &'a [u8], paths: &[PathBuf]) -> Result<Model<'a>> {
+    Model::parse(bytes).with_context(|| paths.first().map(|p| p.display().to_string()).unwrap_or_default())
+}

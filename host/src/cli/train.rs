@@ -1,0 +1,151 @@
+//! `keygraph train`: a model of one picture.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use clap::error::ErrorKind;
+use keygraph::camera::arguments::Lesson;
+use keygraph::camera::learn_from_camera;
+use keygraph::camera::lesson::{Learned, Plan};
+use keygraph::learn::{Preset, has_colour, train_within};
+use keygraph::output::{check_folder_of, print_line};
+use keygraph::picture::{Part, Picture, read_framed};
+use keygraph::search::{Profile, search};
+use keygraph::{advice, report, words};
+use keygraph_core::detect::DEFAULT_THRESHOLD;
+use keygraph_core::model::{Method, Model, NAME_BYTES};
+
+use super::usage_error;
+use super::values::model_size;
+
+/// Arguments of `keygraph train`.
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    /// PNG or JPEG picture that shows the object, from the front, and nothing else
+    #[arg(required_unless_present = "from_camera", conflicts_with = "from_camera")]
+    picture: Option<PathBuf>,
+    /// Part of the picture that shows the object, px [default: all that is opaque]
+    #[arg(long, value_name = "X,Y,W,H", allow_hyphen_values = true)]
+    crop: Option<Part>,
+    /// Model file to write
+    #[arg(short, long, value_name = "MODEL.kgm")]
+    output: PathBuf,
+    /// Name of the object [default: that of the picture's file, or of the model's]
+    #[arg(long)]
+    name: Option<String>,
+    /// How much the model holds
+    #[arg(long, value_enum, default_value = "large")]
+    preset: Preset,
+    /// Maximum size of the model in bytes, instead of the preset's
+    #[arg(long, value_name = "N", value_parser = model_size)]
+    bytes: Option<usize>,
+    /// Train on luma alone, for cameras without colour
+    #[arg(long)]
+    luma: bool,
+    /// Print the report as one JSON object
+    #[arg(long)]
+    json: bool,
+    /// How the picture is taken from a camera.
+    #[command(flatten, next_help_heading = "From a camera")]
+    lesson: Box<Lesson>,
+}
+
+impl Arguments {
+    fn plan(&self) -> Plan {
+        Plan { preset: self.preset, bytes: self.bytes.unwrap_or(self.preset.bytes()), luma: self.luma }
+    }
+
+    /// The name that was given, or else that of `file`.
+    fn name_or_that_of(&self, file: &Path) -> String {
+        self.name.clone().unwrap_or_else(|| name_of(file))
+    }
+}
+
+/// The name of an object when none is given: that of its file, without the extension.
+pub fn name_of(file: &Path) -> String {
+    file.file_stem().map_or_else(|| "object".into(), |s| s.to_string_lossy().into_owned())
+}
+
+/// Trains, writes the model and prints a report.
+///
+/// # Errors
+/// When the picture cannot be read or used, or the model cannot be written.
+pub fn run(arguments: &Arguments) -> Result<()> {
+    if !arguments.lesson.from_camera && arguments.lesson.origin.is_given() {
+        usage_error(ErrorKind::ArgumentConflict, "a camera or --replay is only used with --from-camera");
+    }
+    // Training takes a second: what would fail after it is checked before it.
+    check_folder_of(&arguments.output)?;
+    match &arguments.picture {
+        Some(picture) => train_on_picture(arguments, picture),
+        None => train_from_camera(arguments),
+    }
+}
+
+fn train_on_picture(arguments: &Arguments, path: &Path) -> Result<()> {
+    let framed = read_framed(path, arguments.crop)?;
+    for said in advice::framing(&framed, path, arguments.crop) {
+        eprintln!("keygraph: {said}");
+    }
+    let (picture, label, plan) = (framed.picture, path.display().to_string(), arguments.plan());
+    check_colour(&picture, &label, &plan)?;
+    let name = arguments.name_or_that_of(path);
+    let (model, trained) = train_within(&picture, &name, plan.preset, plan.luma, plan.bytes)
+        .with_context(|| format!("cannot train on {label}"))?;
+    keep(arguments, &label, &Learned { name, picture, model, trained, found: None })
+}
+
+fn train_from_camera(arguments: &Arguments) -> Result<()> {
+    let (plan, name) = (arguments.plan(), arguments.name_or_that_of(&arguments.output));
+    let learned = learn_from_camera(&arguments.lesson, name, &arguments.output, &plan)?;
+    let label = format!("the picture of {}", learned.name);
+    check_colour(&learned.picture, &label, &plan)?;
+    keep(arguments, &label, &learned)
+}
+
+/// Warns that a picture has no colour, or refuses it where the preset needs colour.
+fn check_colour(picture: &Picture, label: &str, plan: &Plan) -> Result<()> {
+    match (has_colour(picture), plan.preset) {
+        (false, Preset::Paper) if !plan.luma => {
+            bail!("{label} has no colour, which the paper's features are made of: use another preset");
+        }
+        (false, _) if !plan.luma => eprintln!("keygraph: {label} has no colour: trained on luma alone"),
+        _ => {}
+    }
+    Ok(())
+}
+
+/// Writes a model and prints the report; `label` names its picture.
+fn keep(arguments: &Arguments, label: &str, learned: &Learned) -> Result<()> {
+    // A model that would be refused is not left behind as a file.
+    let model = Model::parse(&learned.model)?;
+    let output = &arguments.output;
+    fs::write(output, &learned.model).with_context(|| format!("cannot write {}", output.display()))?;
+    warn(label, learned, &model)?;
+    if arguments.json {
+        return print_line(&report::model_object(&model).to_string());
+    }
+    print_line(&format!("picture    {label}, {}x{} px", learned.picture.width, learned.picture.height))?;
+    print_line(&words::training(&learned.trained))?;
+    print_line(&words::model(&model, output))
+}
+
+/// Says on standard error what makes a model less useful than it looks.
+fn warn(label: &str, learned: &Learned, model: &Model<'_>) -> Result<()> {
+    if learned.name.len() > NAME_BYTES {
+        eprintln!("keygraph: the name was cut to {NAME_BYTES} bytes: {}", model.object(0).name);
+    }
+    // The paper's method is for comparison: its models need no advice.
+    if model.method() != Method::Keygraph {
+        return Ok(());
+    }
+    if let Some(warning) = advice::warning(&learned.picture, &learned.trained) {
+        eprintln!("keygraph: {label} {warning}");
+    }
+    let own = search(&learned.picture, model, Profile::Vga, DEFAULT_THRESHOLD, false, 0)?;
+    if own.detections.is_empty() {
+        eprintln!("keygraph: {}", advice::not_found_in_itself(label));
+    }
+    Ok(())
+}

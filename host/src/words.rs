@@ -1,0 +1,164 @@
+//! Results as sentences and tables, for people.
+//!
+//! In: what a command found out. Out: lines of text without a line break at the end.
+//! Memory and cost: the text.
+
+use std::path::Path;
+
+use keygraph_core::camera::PlanePose;
+use keygraph_core::detect::Detection;
+use keygraph_core::feature::FeatureKind;
+use keygraph_core::model::Model;
+use keygraph_core::train::Trained;
+
+use crate::assess::Assessment;
+use crate::bench::Bench;
+use crate::report::method_name;
+use crate::run::Searched;
+use crate::sweep::{Cell, frames};
+
+/// What training did: views, keypoints, keygraphs.
+#[must_use]
+pub fn training(t: &Trained) -> String {
+    let each = t.view_keypoints.iter().map(u16::to_string).collect::<Vec<_>>().join(" ");
+    let sum: u32 = t.view_keypoints.iter().map(|&n| u32::from(n)).sum();
+    format!(
+        "views      {}, with {each} keypoints: {sum}\nlikely     {} keygraphs, of which the caps left out {}",
+        t.view_keypoints.len(),
+        t.keygraphs.seen,
+        t.keygraphs.dropped
+    )
+}
+
+/// What a model holds; `path` is its file.
+#[must_use]
+pub fn model(model: &Model<'_>, path: &Path) -> String {
+    let (used, largest) = model.occupancy();
+    let triples: u64 = (0..model.objects()).map(|i| u64::from(model.object(i).triples)).sum();
+    format!(
+        "method     {}\ntriples    {triples} possible\nkeygraphs  {}\nsubsets    {used} used, the largest has {largest}\n\
+         model      {}, {} bytes, feature {}",
+        method_name(model),
+        model.keygraphs(),
+        path.display(),
+        model.bytes().len(),
+        match model.feature() {
+            FeatureKind::Both => "both (luma and chroma)",
+            other => other.name(),
+        }
+    )
+}
+
+/// The objects of a model, one a line.
+#[must_use]
+pub fn objects(model: &Model<'_>) -> String {
+    let line = |i: usize| {
+        let o = model.object(i);
+        format!("object     {}, {}x{} px, {} keypoints", o.name, o.width, o.height, o.keypoints)
+    };
+    (0..model.objects()).map(line).collect::<Vec<_>>().join("\n")
+}
+
+/// An assessment: object, score, table and limits.
+#[must_use]
+pub fn assessment(a: &Assessment) -> String {
+    let mut lines = vec![format!("{:17}  {}", "object", a.name)];
+    if let Some(s) = &a.structure {
+        let feature = if s.luma_only { "luma alone" } else { "luma and chroma" };
+        lines[0] +=
+            &format!(", {}x{} px, {} keypoints, {} keygraphs, {feature}", s.size.0, s.size.1, s.keypoints, s.keygraphs);
+    }
+    if let Some(score) = a.score {
+        lines.push(format!("{:17}  {score} of 100", "score"));
+    }
+    if let Some(sweep) = &a.sweep {
+        for row in &sweep.rows {
+            let cell = |c: &Cell| format!("{}: {:.0} %", c.value, c.rate(sweep.views) * 100.0);
+            let cells = row.cells.iter().map(cell).collect::<Vec<_>>().join("   ");
+            let head = format!("{}, {}", row.condition.name(), row.condition.unit());
+            lines.push(format!("{head:17}  {cells}"));
+        }
+        lines.push(format!("{:17}  {} outlines in {} frames", "wrong", sweep.wrong, frames(sweep.views)));
+    }
+    let mut head = "limits";
+    for limit in &a.limits {
+        lines.push(format!("{head:17}  {}", limit.text));
+        head = "";
+    }
+    if a.limits.is_empty() {
+        lines.push(format!("{head:17}  none"));
+    }
+    lines.join("\n")
+}
+
+/// A benchmark: times by stage, memory by buffer, digest.
+#[must_use]
+pub fn benchmark(b: &Bench, model: &Model<'_>) -> String {
+    let mut lines = vec![
+        format!(
+            "{} objects, {} keygraphs, {} bytes of model; {} frames, {} passes, one thread",
+            model.objects(),
+            model.keygraphs(),
+            model.bytes().len(),
+            b.frames,
+            b.passes
+        ),
+        format!(
+            "\n{:10} {:>10} {:>10} {:>9}  a plain copy of the bytes it moves",
+            "stage", "median ms", "95 % ms", "dropped"
+        ),
+    ];
+    for s in &b.stages {
+        let copy =
+            s.moved.zip(s.copy_ms).map_or_else(String::new, |(moved, copy)| format!("  {copy:.3} ms for {moved}"));
+        let (name, times) = (s.stage.name(), &s.times);
+        lines.push(format!("{name:10} {:10.3} {:10.3} {:9}{copy}", times.median, times.p95, s.dropped));
+    }
+    lines.push(format!("{:10} {:10.3} {:10.3}", "total", b.total.median, b.total.p95));
+    if let Some(t) = &b.tracking {
+        lines.push(format!(
+            "{:10} {:10.3} {:10.3}  {} of {} frames",
+            "followed", t.times.median, t.times.p95, t.followed, b.frames
+        ));
+    }
+    lines.push(format!("\n{:14} {:>9} {:>9} {:>11}", "buffer", "bytes", "capacity", "high water"));
+    for h in &b.buffers {
+        lines.push(format!("{:14} {:9} {:9} {:11}", h.buffer.name(), h.room.bytes, h.room.capacity, h.high_water));
+    }
+    lines.push(format!("{:14} {:9}, all fixed when it was compiled", "the detector", b.detector_bytes));
+    lines.push(format!("\n{} detections in a pass; digest {:08x}, equal on every machine", b.detections, b.digest));
+    lines.join("\n")
+}
+
+/// What was found in frame `index` of `source`.
+#[must_use]
+pub fn frame(source: &str, index: u64, model: &Model<'_>, searched: &Searched) -> String {
+    let found = &searched.found;
+    let what = if found.detections.is_empty() {
+        "nothing found".to_string()
+    } else {
+        let pose = |i: usize| searched.poses.as_ref().and_then(|poses| poses[i].as_ref());
+        let one = |(i, d)| detection(model, d, pose(i));
+        found.detections.iter().enumerate().map(one).collect::<Vec<_>>().join("; ")
+    };
+    format!("{source} [{index}]: {what} ({:.1} ms)", found.total_ns as f64 / 1e6)
+}
+
+fn detection(model: &Model<'_>, d: &Detection, pose: Option<&PlanePose>) -> String {
+    let [x, y] = [0, 1].map(|i| d.corners.iter().map(|c| c[i]).sum::<f32>() / 4.0);
+    let side = |a: [f32; 2], b: [f32; 2]| (b[0] - a[0]).hypot(b[1] - a[1]);
+    let [a, b, c, _] = d.corners;
+    // Adding 0 turns -0, which would be written as -0, into 0.
+    let angle = (b[1] - a[1]).atan2(b[0] - a[0]).to_degrees().round() + 0.0;
+    let distance = pose.map_or_else(String::new, |p| {
+        let mm = p.best.translation_mm.iter().map(|v| v * v).sum::<f32>().sqrt();
+        format!(", {mm:.0} mm away")
+    });
+    format!(
+        "{} at ({x:.0}, {y:.0}), {:.0}x{:.0} px, turned by {angle:.0} degrees, score {:.2}{distance}",
+        model.object(usize::from(d.object)).name,
+        side(a, b),
+        side(b, c),
+        d.score
+    )
+}

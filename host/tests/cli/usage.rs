@@ -1,0 +1,95 @@
+//! Wrong command lines, help, and models that cannot be read.
+
+use image::RgbImage;
+
+use crate::lines::path;
+use crate::program::{Folder, frame, keygraph, run_in};
+use crate::{ASTRONAUT, astronaut};
+
+#[test]
+fn a_wrong_command_line_ends_with_2() {
+    let folder = Folder::new("usage");
+    let (m, f) = (path(&astronaut(&folder)), path(&frame(0)));
+    let (m, f) = (m.as_str(), f.as_str());
+    let wrong: &[&[&str]] = &[
+        &[],
+        &["fnid"],
+        &["detect", "-m", m, f, "--colour"],
+        &["detect", "-m", m],
+        &["detect", f],
+        &["detect", "-m", m, f, "--threshold", "2"],
+        &["detect", "-m", m, f, "--threshold", "-0.5"],
+        &["detect", "-m", m, f, "--threshold", "NaN"],
+        &["detect", "-m", m, f, "--threshold", "high"],
+        &["detect", "-m", m, f, "--threads", "0"],
+        &["detect", "-m", m, f, "--track", "--threads", "2"],
+        &["detect", "-m", m, f, "--track", "--json", "--digests"],
+        &["detect", "-m", m, f, "--profile", "8k"],
+        &["train", f],
+        &["train", "-o", "m.kgm"],
+        &["train", f, "-o", "m.kgm", "--preset", "huge"],
+        &["pack", "-o", "all.kgm"],
+        &["pack", m],
+        &["inspect"],
+        &["assess"],
+        &["assess", f, "--views", "0"],
+    ];
+    for arguments in wrong {
+        let run = run_in(&folder.0, arguments, b"");
+        assert_eq!((run.status, run.out.as_str()), (2, ""), "{arguments:?}: {}", run.err);
+        assert!(run.err.contains("Usage") || run.err.contains("error"), "{arguments:?}: {}", run.err);
+    }
+    assert_eq!(folder.names(), ["astronaut.kgm"]);
+}
+
+#[test]
+fn help_and_version_end_with_0() {
+    for arguments in [&["--help"][..], &["detect", "--help"], &["--version"]] {
+        let run = keygraph(arguments).ended_with(0);
+        assert!(run.out.contains("keygraph"), "{arguments:?}: {}", run.out);
+    }
+}
+
+#[test]
+fn a_damaged_model_or_another_file_is_refused_with_advice() {
+    let folder = Folder::new("damaged");
+    let whole = &*ASTRONAUT;
+    let mut flipped = whole.clone();
+    flipped[whole.len() / 2] ^= 1;
+    let mut newer = whole.clone();
+    newer[4] = 200;
+    let mut png = Vec::new();
+    RgbImage::new(32, 32).write_to(&mut std::io::Cursor::new(&mut png), image::ImageFormat::Png).unwrap();
+    let table: [(&str, &[u8], &[&str]); 5] = [
+        ("cut.kgm", &whole[..1000], &["cut off", "1000", "copy it again"]),
+        ("flipped.kgm", &flipped, &["damaged", "copy it again"]),
+        ("newer.kgm", &newer, &["version 200", "update"]),
+        ("picture.png", &png, &["not a keygraph model", "keygraph train"]),
+        ("empty.kgm", b"", &["not a keygraph model", "keygraph train"]),
+    ];
+    for (name, bytes, words) in table {
+        let (model, all) = (folder.file(name, bytes), folder.join("all.kgm"));
+        for run in [
+            keygraph!("detect", "-m", model, frame(0), "--json"),
+            keygraph!("inspect", model, "--json"),
+            keygraph!("pack", model, "-o", all),
+        ] {
+            run.refused_with(words).said(&[name]);
+        }
+        assert!(!all.exists(), "{name} was packed");
+    }
+}
+
+#[test]
+fn a_missing_model_is_named() {
+    let model = std::env::temp_dir().join("keygraph-cli-no-such.kgm");
+    let words = ["cannot read the model", "keygraph-cli-no-such.kgm"];
+    keygraph!("detect", "-m", model, frame(0), "--json").refused_with(&words);
+    keygraph!("inspect", model).refused_with(&words);
+}
+
+#[test]
+fn a_missing_model_comes_with_advice() {
+    let model = std::env::temp_dir().join("keygraph-cli-no-such.kgm");
+    keygraph!("detect", "-m", model, frame(0), "--json").refused_with(&["keygraph train"]);
+}
