@@ -27,7 +27,8 @@ from it.
 
 Frames: 640x480 px, rendered by host/src/render.rs. At scale 1 the object's longer side is
 420 px. The object is seen by a pinhole camera of 640 px focal length, over a background
-and behind a patch that never show the object itself. Pixel centres have integer
+and behind a patch that never show the object itself. Tilt is the angle between the
+object's normal and the line of sight to its middle. Pixel centres have integer
 coordinates. The same pictures and seed give the same frames on every machine.
 
 Found: the mean distance of the best detection's four corners from the truth is under 10 %
