@@ -1,18 +1,18 @@
 #!/usr/bin/env python3
-"""Write tests/data/corners: grey pictures and OpenCV's corners of them.
+"""Write tests/data/corners: OpenCV's corners of three grey pictures.
 
-    python3 scripts/golden-corners.py           from the pictures already there
-    python3 scripts/golden-corners.py --images  first make them anew from an
+    python3 scripts/golden-corners.py           corners of the pictures that are there
+    python3 scripts/golden-corners.py --images  makes the pictures anew first, from an
                                                 installed scikit-image
 
 Needs numpy and opencv-python(-headless); --images also needs scikit-image.
 
-Every claim in the headers is checked here against plain integer arithmetic
-before anything is written; a claim that does not hold ends the run.
+The header of each file makes claims. Each is checked against plain integer arithmetic
+before the file is written; a claim that does not hold ends the run.
 """
 
 import argparse
-import math
+import itertools
 import os
 
 import cv2
@@ -24,25 +24,63 @@ CORNERS = os.path.join(ROOT, "tests", "data", "corners")
 # name: (file in scikit-image, crop x0 y0 x1 y1, size, where it is from)
 SOURCES = {
     "astronaut": (
-        "astronaut.png", (0, 0, 512, 384), (320, 240),
+        "astronaut.png",
+        (0, 0, 512, 384),
+        (320, 240),
         "astronaut, NASA; no known copyright restrictions, released into the public domain",
     ),
     "coffee": (
-        "coffee.png", (60, 0, 593, 400), (320, 240),
+        "coffee.png",
+        (60, 0, 593, 400),
+        (320, 240),
         "coffee, Rachel Michetti; no copyright restrictions, CC0 by the photographer",
     ),
     "rocket": (
-        "rocket.jpg", (0, 0, 569, 427), (320, 240),
+        "rocket.jpg",
+        (0, 0, 569, 427),
+        (320, 240),
         "rocket, SpaceX; released in the public domain",
     ),
 }
 
 QUALITY = 0.01
 LISTS = {"plain": (300, 1), "spaced": (79, 10)}
-SCALE = 1 / (2 ** (3 - 1) * 3 * 255)   # what OpenCV multiplies each Sobel response by
+# What OpenCV multiplies each Sobel response by.
+SCALE = 1 / (2 ** (3 - 1) * 3 * 255)
+
+HEADER = """\
+Corners of {name}.png ({width}x{height}, 8-bit grey; from scikit-image's {source})
+by OpenCV {version} goodFeaturesToTrack with
+  maxCorners={count} qualityLevel={quality} minDistance={distance}
+  blockSize=3 gradientSize=3 useHarrisDetector=False, no mask.
+Lines: x y eigenvalue, in OpenCV's order (strongest first);
+  eigenvalue = cornerMinEigenVal(grey, 3, ksize=3) at that pixel (float32), as %.9g.
+
+From integers: with gx, gy the 3x3 Sobel responses (weights 1 2 1), and
+  A = sum gx*gx, B = sum gx*gy, C = sum gy*gy over the pixel's 3x3 block,
+  lambda_int = ((A + C) - sqrt((A - C)^2 + 4 B^2)) / 2
+             = the smaller eigenvalue of [[A, B], [B, C]],
+  eigenvalue = lambda_int * scale^2, lambda_int = eigenvalue / scale^2,
+  scale = 1 / (2^(ksize-1) * blockSize * 255) = 1/3060, scale^2 = 1/9363600.
+Checked on this picture, every pixel, borders too: the two sides agree to
+  {worst:.1e} of the picture's largest value; on the corners below to
+  {relative:.1e} of the corner's own value (OpenCV computes in float32).
+Borders: BORDER_REFLECT_101 (= BORDER_DEFAULT), without repeating the edge
+  pixel: the grey picture for the Sobel, and then the products gx*gx, gx*gy,
+  gy*gy for the block sum.
+Choice: a pixel not in the outermost 1 px frame; its eigenvalue above
+  qualityLevel times the picture's largest (which is taken over all pixels,
+  the frame included) and not below any of its 8 neighbours'; then strongest
+  first, among equals the later in row order first; a corner closer than
+  minDistance to one already taken is left out (dx^2 + dy^2 < minDistance^2).
+  {found} corners are left before the distance and the count.
+  Done with lambda_int in float64 instead of OpenCV's float32, these steps
+  give the same list in the same order.
+Least relative gap between neighbours in the list: {gap:.1e}"""
 
 
 def make_images():
+    """Makes the pictures from the files inside the scikit-image package."""
     import skimage
 
     data = os.path.join(os.path.dirname(skimage.__file__), "data")
@@ -80,7 +118,7 @@ def smaller(a, b, c):
 
 
 def rank(value, count, distance, later_first=True):
-    """goodFeaturesToTrack's choice, in plain steps, on any eigenvalue image."""
+    """The choice of goodFeaturesToTrack, in plain steps, on any eigenvalue image."""
     h, w = value.shape
     floor = value.max() * QUALITY
     found = []
@@ -100,9 +138,42 @@ def rank(value, count, distance, later_first=True):
     return kept, len(found)
 
 
+def check(name, grey, kind):
+    """OpenCV's corners of a picture, and what was measured of them.
+
+    Ends with an AssertionError where a claim of HEADER does not hold.
+    """
+    count, distance = LISTS[kind]
+    eig = cv2.cornerMinEigenVal(grey, 3, ksize=3)
+    exact = smaller(*sums(grey))
+    back = eig.astype(np.float64) / SCALE**2
+    worst = np.abs(back - exact).max() / exact.max()
+    assert worst < 1e-6, (name, worst)
+    points = cv2.goodFeaturesToTrack(
+        grey, count, QUALITY, distance, None, blockSize=3, gradientSize=3, useHarrisDetector=False
+    )
+    points = [tuple(int(v) for v in p) for p in points.reshape(-1, 2)]
+    assert len(points) == count, (name, kind, len(points))
+    values = [eig[y, x] for x, y in points]
+    pairs = list(itertools.pairwise(values))
+    assert all(a >= b for a, b in pairs), (name, kind)
+    assert rank(eig, count, distance)[0] == points, (name, kind)
+    ours, found = rank(exact, count, distance)
+    differing = [(i, a, b) for i, (a, b) in enumerate(zip(points, ours, strict=True)) if a != b]
+    assert not differing, (name, kind, differing)
+    relative = max(abs(back[y, x] / exact[y, x] - 1) for x, y in points)
+    gap = min(a / b - 1 for a, b in pairs)
+    print(
+        f"{name} {kind} {len(points)} of {found}: error {worst:.1e} of the largest, {relative:.1e} of itself; "
+        f"smallest gap {gap:.1e}, {sum(a == b for a, b in pairs)} ties; the exact list is the same"
+    )
+    measured = {"worst": worst, "relative": relative, "gap": gap, "found": found}
+    return list(zip(points, values, strict=True)), measured
+
+
 def main():
-    args = argparse.ArgumentParser()
-    args.add_argument("--images", action="store_true")
+    args = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    args.add_argument("--images", action="store_true", help="make the pictures anew")
     args = args.parse_args()
     cv2.setNumThreads(1)
     os.makedirs(CORNERS, exist_ok=True)
@@ -111,63 +182,24 @@ def main():
     for name, (_, _, _, source) in SOURCES.items():
         grey = cv2.imread(os.path.join(CORNERS, name + ".png"), cv2.IMREAD_UNCHANGED)
         assert grey.dtype == np.uint8 and grey.ndim == 2
-        h, w = grey.shape
-        eig = cv2.cornerMinEigenVal(grey, 3, ksize=3)
-        exact = smaller(*sums(grey))
-        back = eig.astype(np.float64) / SCALE**2
-        worst = np.abs(back - exact).max() / exact.max()
-        assert worst < 1e-6, (name, worst)
+        height, width = grey.shape
         for kind, (count, distance) in LISTS.items():
-            points = cv2.goodFeaturesToTrack(
-                grey, count, QUALITY, distance, None, blockSize=3, gradientSize=3, useHarrisDetector=False
+            corners, measured = check(name, grey, kind)
+            header = HEADER.format(
+                name=name,
+                width=width,
+                height=height,
+                source=source,
+                version=cv2.__version__,
+                count=count,
+                quality=QUALITY,
+                distance=distance,
+                **measured,
             )
-            points = [tuple(int(v) for v in p) for p in points.reshape(-1, 2)]
-            assert len(points) == count, (name, kind, len(points))
-            values = [eig[y, x] for x, y in points]
-            assert all(a >= b for a, b in zip(values, values[1:])), (name, kind)
-            assert rank(eig, count, distance)[0] == points, (name, kind)
-            ours, found = rank(exact, count, distance)
-            relative = max(abs(back[y, x] / exact[y, x] - 1) for x, y in points)
-            gaps = [a / b - 1 for a, b in zip(values, values[1:])]
-            ties = sum(a == b for a, b in zip(values, values[1:]))
-            print(
-                name, kind, len(points), "of", found, f"error {worst:.1e} of the largest, {relative:.1e} of itself;",
-                f"smallest gap {min(gaps):.1e}, ties {ties}; exact list", "same" if ours == points else "DIFFERS",
-            )
-            assert ours == points, (name, kind, [(i, a, b) for i, (a, b) in enumerate(zip(points, ours)) if a != b])
-            header = f"""\
-Corners of {name}.png ({w}x{h}, 8-bit grey; from scikit-image's {source})
-by OpenCV {cv2.__version__} goodFeaturesToTrack with
-  maxCorners={count} qualityLevel={QUALITY} minDistance={distance}
-  blockSize=3 gradientSize=3 useHarrisDetector=False, no mask.
-Lines: x y eigenvalue, in OpenCV's order (strongest first);
-  eigenvalue = cornerMinEigenVal(grey, 3, ksize=3) at that pixel (float32), as %.9g.
-
-From integers: with gx, gy the 3x3 Sobel responses (weights 1 2 1), and
-  A = sum gx*gx, B = sum gx*gy, C = sum gy*gy over the pixel's 3x3 block,
-  lambda_int = ((A + C) - sqrt((A - C)^2 + 4 B^2)) / 2
-             = the smaller eigenvalue of [[A, B], [B, C]],
-  eigenvalue = lambda_int * scale^2, lambda_int = eigenvalue / scale^2,
-  scale = 1 / (2^(ksize-1) * blockSize * 255) = 1/3060, scale^2 = 1/9363600.
-Checked on this picture, every pixel, borders too: the two sides agree to
-  {worst:.1e} of the picture's largest value; on the corners below to
-  {relative:.1e} of the corner's own value (OpenCV computes in float32).
-Borders: BORDER_REFLECT_101 (= BORDER_DEFAULT), without repeating the edge
-  pixel: the grey picture for the Sobel, and then the products gx*gx, gx*gy,
-  gy*gy for the block sum.
-Choice: a pixel not in the outermost 1 px frame; its eigenvalue above
-  qualityLevel times the picture's largest (which is taken over all pixels,
-  the frame included) and not below any of its 8 neighbours'; then strongest
-  first, among equals the later in row order first; a corner closer than
-  minDistance to one already taken is left out (dx^2 + dy^2 < minDistance^2).
-  {found} corners are left before the distance and the count.
-  Done with lambda_int in float64 instead of OpenCV's float32, these steps
-  give the same list in the same order.
-Least relative gap between neighbours in the list: {min(gaps):.1e}"""
             with open(os.path.join(CORNERS, f"{name}.{kind}.txt"), "w") as out:
                 for line in header.splitlines():
                     out.write(("# " + line).rstrip() + "\n")
-                for (x, y), v in zip(points, values):
+                for (x, y), v in corners:
                     out.write(f"{x} {y} {v:.9g}\n")
 
 

@@ -13,12 +13,11 @@ use criterion::{Criterion, criterion_group, criterion_main};
 use heapless::Vec;
 use imageproc::corners::{Corner as FastCorner, corners_fast9};
 use imageproc::suppress::local_maxima;
-use keygraph_core::capacity::StageStats;
-use keygraph_core::corners::{Corner, SCRATCH_ROWS, detect_corners};
-use keygraph_core::method::Parameters;
-use keygraph_core::model::Method;
-use keygraph_core::pyramid::Plane;
-use keygraph_core::rank::rank_by_radius;
+use keygraph_core::stages::corners::{Corner, SCRATCH_ROWS, detect_corners};
+use keygraph_core::stages::method::Parameters;
+use keygraph_core::stages::pyramid::Plane;
+use keygraph_core::stages::rank::rank_by_radius;
+use keygraph_core::{Method, StageStats};
 
 const WIDTH: usize = 640;
 const HEIGHT: usize = 480;

@@ -16,8 +16,8 @@ use std::time::Duration;
 
 use criterion::{BatchSize, BenchmarkId, Criterion, criterion_group, criterion_main};
 use heapless::Vec as FixedVec;
-use keygraph_core::delaunay::{Triangulation, Triple, triangulate};
-use keygraph_core::geometry::Point;
+use keygraph_core::stages::delaunay::{Triangulation, Triple, triangulate};
+use keygraph_core::stages::geometry::Point;
 use spade::{DelaunayTriangulation, Point2, Triangulation as _};
 
 /// Number of points that the triangulation has room for, as in the vga profile.

@@ -12,7 +12,7 @@ use std::hint::black_box;
 use std::time::Duration;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use keygraph_core::math;
+use keygraph_core::stages::math;
 use micromath::F32Ext;
 
 const COUNT: usize = 20_000;

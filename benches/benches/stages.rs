@@ -15,8 +15,7 @@ use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
 use keygraph::input::{Picture, Pixels, read_picture};
 use keygraph::learn::{Preset, train};
 use keygraph::search::{Profile, Request, fit, search_for};
-use keygraph_core::capacity::Stage;
-use keygraph_core::model::Model;
+use keygraph_core::{Model, Stage};
 
 const SIZES: [(Profile, u32, u32); 4] =
     [(Profile::Qqvga, 160, 120), (Profile::Qvga, 320, 240), (Profile::Vga, 640, 480), (Profile::Hd, 1280, 720)];

@@ -11,8 +11,7 @@
 
 use core::mem::swap;
 
-use keygraph_core::frame::{Frame, FrameError};
-use keygraph_core::model::Model;
+use keygraph_core::{Frame, FrameError, Model};
 use keygraph_firmware_sim::board::{Link, Port, finish, frame_buffer, model, start_clock, ticks};
 use keygraph_firmware_sim::profile::{Detector, FRAME_BYTES};
 use keygraph_firmware_sim::sensor::{Sensor, serve};

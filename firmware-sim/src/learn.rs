@@ -5,11 +5,7 @@
 //! two share their memory. The model lies in the same memory until it is written to flash. Cost:
 //! the cost of training, some seconds on a Cortex-M7.
 
-use keygraph_core::capacity::{chroma_bytes, luma_bytes};
-use keygraph_core::feature::FeatureKind;
-use keygraph_core::frame::Frame;
-use keygraph_core::model::Method;
-use keygraph_core::train::{TrainError, TrainParams, Trainer, ViewSpec};
+use keygraph_core::{Frame, Preset, TrainError, Trainer, chroma_bytes, luma_bytes};
 
 use crate::wire::FrameHeader;
 
@@ -33,22 +29,6 @@ pub struct Learner {
     model: [u8; MODEL_BYTES],
 }
 
-const fn view(side_px: f32, squeeze: f32, direction_deg: f32, keypoints: u8) -> ViewSpec {
-    ViewSpec { side_px, squeeze, direction_deg, keypoints }
-}
-
-/// Views of the model: four sizes from the front, and one size tilted in four directions.
-const VIEWS: [ViewSpec; 8] = [
-    view(240.0, 1.0, 0.0, 90),
-    view(170.0, 1.0, 0.0, 80),
-    view(120.0, 1.0, 0.0, 70),
-    view(84.0, 1.0, 0.0, 50),
-    view(170.0, 0.7, 0.0, 60),
-    view(170.0, 0.7, 45.0, 60),
-    view(170.0, 0.7, 90.0, 60),
-    view(170.0, 0.7, 135.0, 60),
-];
-
 impl Learner {
     /// Learns the middle `size` px of the frame in `buffer`, and returns the bytes of the model.
     /// The frame is cropped in place.
@@ -62,14 +42,7 @@ impl Learner {
     pub fn learn(&mut self, header: &FrameHeader, buffer: &mut [u8], size: [usize; 2]) -> Result<&[u8], TrainError> {
         let bytes = crop(header, buffer, size);
         let frame = Frame::new(header.format, size[0], size[1], &buffer[..bytes])?;
-        let params = TrainParams {
-            name: "learnt",
-            method: Method::Keygraph,
-            feature: FeatureKind::Both,
-            views: &VIEWS,
-            max_keygraphs: usize::MAX,
-            max_per_cell: 4000,
-        };
+        let params = Preset::Learnt.params("learnt", false);
         let trained = self.trainer.train(&frame, (size[0] as u32, size[1] as u32), &params, &mut self.model)?;
         Ok(&self.model[..trained.bytes])
     }
@@ -92,7 +65,7 @@ fn crop(header: &FrameHeader, buffer: &mut [u8], [cw, ch]: [usize; 2]) -> usize 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use keygraph_core::frame::PixelFormat;
+    use keygraph_core::PixelFormat;
 
     #[test]
     fn the_middle_stays() {

@@ -4,11 +4,8 @@
 //! bytes of stack for a report. Cost: the cost of the detector. Digests and reports are not part of
 //! the counted time.
 
-use keygraph_core::capacity::Stage;
-use keygraph_core::detect::{Observer, Output};
-use keygraph_core::digest::Digests;
-use keygraph_core::frame::Frame;
-use keygraph_core::model::Model;
+use keygraph_core::stages::digest::Digests;
+use keygraph_core::{Frame, Model, Observer, Output, Stage};
 
 use crate::board::{Link, stack_bytes, ticks};
 use crate::profile::Detector;

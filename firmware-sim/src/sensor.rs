@@ -6,9 +6,7 @@
 
 use core::fmt::Write;
 
-use keygraph_core::detect::{DEFAULT_THRESHOLD, Observer};
-use keygraph_core::frame::{Frame, FrameError};
-use keygraph_core::model::Model;
+use keygraph_core::{DEFAULT_THRESHOLD, Frame, FrameError, Model, Observer};
 
 use crate::profile::Detector;
 

@@ -7,12 +7,7 @@
 
 use core::ffi::CStr;
 
-use keygraph_core::align::Appearance;
-use keygraph_core::capacity::{DETECTIONS, Stage, StageStats};
-use keygraph_core::detect::Detection;
-use keygraph_core::frame::PixelFormat;
-use keygraph_core::geometry::Homography;
-use keygraph_core::heapless::Vec;
+use keygraph_core::{Appearance, DETECTIONS, Detection, Homography, PixelFormat, Stage, StageStats, heapless::Vec};
 
 /// Name of the file that the board reads.
 pub const FRAMES: &CStr = c"frames.bin";

@@ -6,9 +6,7 @@
 use std::path::Path;
 use std::{env, fs, io};
 
-use keygraph_core::frame::{Frame, PixelFormat};
-use keygraph_core::model::Model;
-use keygraph_core::write::{pack, packed_len};
+use keygraph_core::{Frame, Model, PixelFormat, pack, packed_len};
 use keygraph_fuzz::{KINDS, PICTURE, detector, models, picture};
 
 fn main() -> io::Result<()> {

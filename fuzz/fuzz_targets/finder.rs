@@ -4,15 +4,12 @@
 //! Cost: one qqvga frame without corner detection and triangulation.
 #![no_main]
 
-use keygraph_core::capacity::StageStats;
-use keygraph_core::corners::Corner;
-use keygraph_core::delaunay::Triple;
-use keygraph_core::detect::Finder;
-use keygraph_core::frame::{Frame, PixelFormat};
-use keygraph_core::geometry::Point;
-use keygraph_core::heapless::VecView;
-use keygraph_core::model::Model;
-use keygraph_core::pyramid::Plane;
+use keygraph_core::stages::corners::Corner;
+use keygraph_core::stages::delaunay::Triple;
+use keygraph_core::stages::finder::Finder;
+use keygraph_core::stages::geometry::Point;
+use keygraph_core::stages::pyramid::Plane;
+use keygraph_core::{Frame, Model, PixelFormat, StageStats, heapless::VecView};
 use keygraph_fuzz::{Input, PICTURE, check, detector, models, picture};
 use libfuzzer_sys::fuzz_target;
 

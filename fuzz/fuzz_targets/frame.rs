@@ -3,8 +3,7 @@
 //! In: the model to use, format, width, height, pixels. Out: nothing. Cost: one qqvga frame.
 #![no_main]
 
-use keygraph_core::frame::Frame;
-use keygraph_core::model::Model;
+use keygraph_core::{Frame, Model};
 use keygraph_fuzz::{Input, check, detector, frame_bytes, models};
 use libfuzzer_sys::fuzz_target;
 

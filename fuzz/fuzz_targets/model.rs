@@ -8,9 +8,7 @@
 
 use std::sync::LazyLock;
 
-use keygraph_core::frame::{Frame, PixelFormat};
-use keygraph_core::model::Model;
-use keygraph_core::write::{pack, packed_len};
+use keygraph_core::{Frame, Model, PixelFormat, pack, packed_len};
 use keygraph_fuzz::{PICTURE, check, detector, mend, picture};
 use libfuzzer_sys::fuzz_target;
 

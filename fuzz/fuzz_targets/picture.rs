@@ -5,9 +5,7 @@
 //! a picture. Out: nothing. Cost: training on at most 64 x 64 px, and one qqvga frame.
 #![no_main]
 
-use keygraph_core::frame::Frame;
-use keygraph_core::model::Model;
-use keygraph_core::train::{TrainParams, ViewSpec};
+use keygraph_core::{Frame, Model, TrainParams, ViewSpec};
 use keygraph_fuzz::{Input, KINDS, check, detector, frame_bytes, trainer};
 use libfuzzer_sys::fuzz_target;
 

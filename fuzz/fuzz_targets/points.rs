@@ -6,9 +6,9 @@
 //! triangles times points.
 #![no_main]
 
-use keygraph_core::delaunay::{Triangulation, Triple, triangulate};
-use keygraph_core::geometry::{Point, in_circle, orient};
 use keygraph_core::heapless::Vec as Fixed;
+use keygraph_core::stages::delaunay::{Triangulation, Triple, triangulate};
+use keygraph_core::stages::geometry::{Point, in_circle, orient};
 use keygraph_fuzz::Input;
 use libfuzzer_sys::fuzz_target;
 

@@ -6,12 +6,11 @@
 
 use std::sync::{LazyLock, Mutex, MutexGuard, PoisonError};
 
-use keygraph_core::camera::{Intrinsics, plane_pose};
-use keygraph_core::detect::{Detection, QqvgaDetector};
-use keygraph_core::feature::FeatureKind;
-use keygraph_core::frame::{Frame, PixelFormat};
-use keygraph_core::model::{MAGIC, Method, Model, VERSION, crc32};
-use keygraph_core::train::{QqvgaTrainer, TrainParams, ViewSpec};
+use keygraph_core::stages::model::crc32;
+use keygraph_core::{
+    Detection, FeatureKind, Frame, Intrinsics, MAGIC, Method, Model, PixelFormat, QqvgaDetector, QqvgaTrainer,
+    TrainParams, VERSION, ViewSpec, plane_pose,
+};
 use zune_jpeg::JpegDecoder;
 use zune_jpeg::zune_core::bytestream::ZCursor;
 

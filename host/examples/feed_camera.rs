@@ -27,7 +27,7 @@ use keygraph::annotate::Canvas;
 use keygraph::input::{Picture, Source};
 use keygraph::search::fit;
 use keygraph::sensor::sense;
-use keygraph_core::frame::PixelFormat;
+use keygraph_core::PixelFormat;
 use v4l::video::Output;
 use v4l::{Device, Format, FourCC};
 

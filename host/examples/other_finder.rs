@@ -27,16 +27,13 @@ use keygraph::learn::{Preset, train};
 use keygraph::picture::{Picture, read_picture};
 use keygraph::render::{RIGHT, corner_error};
 use keygraph::search::fit;
-use keygraph_core::capacity::{Stage, StageStats};
-use keygraph_core::corners::Corner;
-use keygraph_core::delaunay::Triple;
-use keygraph_core::detect::{DEFAULT_THRESHOLD, Finder, VgaDetector};
-use keygraph_core::frame::Frame;
-use keygraph_core::geometry::Point;
-use keygraph_core::heapless::VecView;
-use keygraph_core::model::Model;
-use keygraph_core::pyramid::Plane;
-use keygraph_core::rank::rank_by_radius;
+use keygraph_core::stages::corners::Corner;
+use keygraph_core::stages::delaunay::Triple;
+use keygraph_core::stages::finder::Finder;
+use keygraph_core::stages::geometry::Point;
+use keygraph_core::stages::pyramid::Plane;
+use keygraph_core::stages::rank::rank_by_radius;
+use keygraph_core::{DEFAULT_THRESHOLD, Frame, Model, Stage, StageStats, VgaDetector, heapless::VecView};
 
 /// The name of the object, its picture and its entries in `truth.json`.
 const OBJECT: &str = "astronaut";
@@ -158,7 +155,7 @@ fn main() -> Result<ExitCode> {
 
 /// Searches a frame. Returns the outlines of the detections, best first.
 fn search(frame: &Picture, model: &Model<'_>) -> Result<Vec<[[f32; 2]; 4]>> {
-    let scaled = fit(frame, VgaDetector::MAX_SIDE, VgaDetector::MAX_PIXELS);
+    let scaled = fit(frame, keygraph_core::Vga::LIMITS.side, keygraph_core::Vga::LIMITS.pixels);
     let view = Frame::new(scaled.format, scaled.width, scaled.height, &scaled.data)?;
     let mut detector = DETECTOR.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
     // `detect` takes the same arguments without the last one. The core reads no clock; a

@@ -7,7 +7,7 @@
 
 use std::path::Path;
 
-use keygraph_core::train::Trained;
+use keygraph_core::Trained;
 
 use crate::margins::within_margins;
 use crate::picture::{Framed, Part, Picture};

@@ -14,7 +14,7 @@
 //! Memory and cost: those of the sweep.
 
 use anyhow::{Result, ensure};
-use keygraph_core::model::Model;
+use keygraph_core::Model;
 
 use crate::advice::{Limit, limits};
 use crate::picture::Picture;

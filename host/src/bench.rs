@@ -11,11 +11,8 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use anyhow::{Result, ensure};
-use keygraph_core::capacity::{Buffer, Room, Stage};
-use keygraph_core::detect::Detection;
-use keygraph_core::digest::Digest;
-use keygraph_core::model::Model;
-use keygraph_core::track::Tracker;
+use keygraph_core::stages::digest::Digest;
+use keygraph_core::{Buffer, Detection, Model, Room, Stage, Tracker};
 
 use crate::input::Picture;
 use crate::search::{Found, Request, follow, prepare, search_for};

@@ -8,10 +8,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
-use keygraph_core::detect::{DEFAULT_THRESHOLD, Detection};
-use keygraph_core::geometry::Homography;
-use keygraph_core::model::Model;
-use keygraph_core::train::Trained;
+use keygraph_core::{DEFAULT_THRESHOLD, Detection, Homography, Model, Trained};
 use serde_json::Value;
 
 use crate::gallery::Gallery;

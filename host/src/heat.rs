@@ -5,7 +5,7 @@
 //! triangle counts 1, spread evenly over its area. Memory: a float for each of at most
 //! 128 x 128 fields. Cost: the fields that a triangle covers.
 
-use keygraph_core::geometry::{area, contains};
+use keygraph_core::stages::geometry::{area, contains};
 
 use crate::canvas::Canvas;
 use crate::picture::{Picture, Pixels};

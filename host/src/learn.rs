@@ -6,11 +6,7 @@
 use std::sync::Mutex;
 
 use anyhow::{Context, Result, ensure};
-use keygraph_core::feature::FeatureKind;
-use keygraph_core::frame::Frame;
-use keygraph_core::model::{Method, Model};
-use keygraph_core::train::{TrainParams, Trained, VgaTrainer, ViewSpec};
-use keygraph_core::write::{pack, packed_len};
+use keygraph_core::{FeatureKind, Frame, Method, Model, TrainParams, Trained, VgaTrainer, ViewSpec, pack, packed_len};
 
 use crate::input::{Picture, Pixels};
 use crate::search::fit;

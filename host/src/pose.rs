@@ -7,9 +7,7 @@
 use std::str::FromStr;
 
 use anyhow::{Result, bail};
-use keygraph_core::camera::{CameraError, Intrinsics, PlanePose, plane_pose};
-use keygraph_core::detect::Detection;
-use keygraph_core::model::Model;
+use keygraph_core::{CameraError, Detection, Intrinsics, Model, PlanePose, plane_pose};
 
 /// Parses the intrinsics `fx,fy,cx,cy`, px of the input.
 ///

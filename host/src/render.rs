@@ -4,10 +4,12 @@
 //! Out: a frame, and for each picture the homography from its pixels to the
 //! frame's. The pose goes through a pinhole camera, so that tilt shortens the far
 //! side more than the near one; pictures are averaged over the area that a pixel
-//! covers, so that small ones do not alias. Behind them lie dead leaves: disks and
-//! rectangles, each over the ones before, as many of side r as r^-3 says, which
-//! gives the edges at all scales that photographs have (A. Lee, D. Mumford, J.
-//! Huang, *Occlusion Models for Natural Images*, 2001).
+//! covers, so that small ones do not alias. Behind them lies a part of another
+//! picture, or dead leaves: disks and rectangles, each over the ones before, as many
+//! of side r as r^-3 says, which gives the edges at all scales that photographs have
+//! (A. Lee, D. Mumford, J. Huang, *Occlusion Models for Natural Images*, 2001).
+//!
+//! `host/examples/render.rs` renders for other programs.
 //!
 //! The same seed gives the same bytes on every machine: random numbers are our
 //! own, floats see + - x / and square roots, which are rounded exactly, and
@@ -16,9 +18,12 @@
 //! Memory: 12 bytes a frame pixel, twice while it is blurred. Cost: some 20 ms a
 //! frame of 640 x 480 px, half of it the leaves.
 
-use keygraph_core::geometry::{Homography, area};
-use keygraph_core::math;
-use keygraph_core::shrink::shrink;
+use core::ops::Range;
+
+use keygraph_core::Homography;
+use keygraph_core::stages::geometry::area;
+use keygraph_core::stages::math;
+use keygraph_core::stages::shrink::shrink;
 
 use crate::annotate::Canvas;
 use crate::input::{Picture, Pixels};
@@ -154,6 +159,12 @@ impl Print {
         Self { size: (picture.width as f32, picture.height as f32), width, height, rgb }
     }
 
+    /// Width and height of the picture, px.
+    #[must_use]
+    pub const fn size(&self) -> (f32, f32) {
+        self.size
+    }
+
     /// The copy with two pixels for one of the frame, or as it is if it has fewer.
     /// `scale` is frame px per picture px.
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "sizes of pictures")]
@@ -192,6 +203,8 @@ pub struct Scene {
 const LEAST_LEAF_PX: f32 = 12.0;
 /// Leaves that fall on a pixel, on average.
 const LEAVES_DEEP: f32 = 7.0;
+/// Points along each side of the grid that measures how much of a picture is hidden.
+const GRID: u16 = 64;
 
 impl Scene {
     /// Dead leaves of `width` x `height` px.
@@ -212,6 +225,14 @@ impl Scene {
             let aspect = random.between(0.4, 1.0);
             scene.leaf(centre, [r, if round { r } else { r * aspect }], round, random);
         }
+        scene
+    }
+
+    /// A random part of a picture, which fills all of `width` x `height` px.
+    #[must_use]
+    pub fn photograph(width: usize, height: usize, print: &Print, random: &mut Random) -> Self {
+        let mut scene = Self { width, height, rgb: vec![[128.0; 3]; width * height] };
+        scene.lay_part(print, [-0.5; 2], [width as f32, height as f32], random);
         scene
     }
 
@@ -252,6 +273,44 @@ impl Scene {
     /// Lays a picture into the scene where `h` (picture px to frame px) puts it; one
     /// that is seen edge on is not laid.
     pub fn lay_at(&mut self, print: &Print, h: &Homography) {
+        self.lay_within(print, h, [0..self.width, 0..self.height]);
+    }
+
+    /// Hides a `share` (0 to 1) of a picture, which `h` has put into the scene, behind an
+    /// upright rectangle: a random part of `other`.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a number of points")]
+    pub fn hide(&mut self, print: &Print, h: &Homography, share: f32, other: &Print, random: &mut Random) {
+        // Shares of the width and the height to frame px.
+        let at = |u: f32, v: f32| h.apply([u * print.size.0 - 0.5, v * print.size.1 - 0.5]);
+        let [x, y] = at(random.between(0.2, 0.8), random.between(0.2, 0.8));
+        let stretch = math::exp(random.between(-0.25, 0.25));
+        // Each point of the grid is reached by the rectangle 2 r stretch x 2 r / stretch.
+        let step = |i: u16| (f32::from(i) + 0.5) / f32::from(GRID);
+        let points = (0..GRID * GRID).map(|i| at(step(i % GRID), step(i / GRID)));
+        let mut reach: Vec<f32> =
+            points.map(|p| ((p[0] - x).abs() / stretch).max((p[1] - y).abs() * stretch)).collect();
+        reach.sort_unstable_by(f32::total_cmp);
+        let hidden = (share * reach.len() as f32) as usize;
+        let Some(&r) = hidden.checked_sub(1).and_then(|last| reach.get(last)) else { return };
+        let (half_w, half_h) = (r * stretch, r / stretch);
+        self.lay_part(other, [x - half_w, y - half_h], [2.0 * half_w, 2.0 * half_h], random);
+    }
+
+    /// Fills a rectangle (corner and size in px) with a random part of a picture,
+    /// mirrored half of the time.
+    fn lay_part(&mut self, print: &Print, [x, y]: [f32; 2], [w, h]: [f32; 2], random: &mut Random) {
+        // Larger than the rectangle by a little at least, so that rounding leaves no seam.
+        let scale = (w / print.size.0).max(h / print.size.1) * random.between(1.02, 1.5);
+        let left = random.between(w - scale * print.size.0, 0.0);
+        let top = random.between(h - scale * print.size.1, 0.0);
+        // From the edge of the picture's first pixel to the edge of the part's.
+        let (sx, x0) = if random.bits() & 1 == 0 { (scale, x + left) } else { (-scale, x + w - left) };
+        let place = Homography::affine([sx, 0.0, x0 + sx / 2.0, 0.0, scale, y + top + scale / 2.0]);
+        self.lay_within(print, &place, [span(x, x + w, self.width), span(y, y + h, self.height)]);
+    }
+
+    /// [`Scene::lay_at`], within a rectangle of the frame's `columns` and `rows`.
+    fn lay_within(&mut self, print: &Print, h: &Homography, [columns, rows]: [Range<usize>; 2]) {
         let Some(back) = h.inverse() else { return };
         // The picture reaches half a pixel beyond the middle of its outer ones.
         let shape = Homography::affine([1.0, 0.0, -0.5, 0.0, 1.0, -0.5]);
@@ -266,8 +325,8 @@ impl Scene {
         let to_copy = Homography::affine([fx, 0.0, fx / 2.0 - 0.5, 0.0, fy, fy / 2.0 - 0.5]).after(&back);
         let bounds = |i: usize| outline.iter().fold((f32::MAX, f32::MIN), |(a, b), p| (a.min(p[i]), b.max(p[i])));
         let ((x0, x1), (y0, y1)) = (bounds(0), bounds(1));
-        for y in span(y0 - 1.0, y1 + 1.0, self.height) {
-            for x in span(x0 - 1.0, x1 + 1.0, self.width) {
+        for y in common(&span(y0 - 1.0, y1 + 1.0, self.height), &rows) {
+            for x in common(&span(x0 - 1.0, x1 + 1.0, self.width), &columns) {
                 let (mut sum, mut covered) = ([0.0; 3], 0.0);
                 for (dx, dy) in [(-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25)] {
                     let p = to_copy.apply([x as f32 + dx, y as f32 + dy]);
@@ -301,6 +360,13 @@ impl Scene {
         Pose { centre, ..pose }
     }
 
+    /// Multiplies red, green and blue, as a coloured lamp does.
+    pub fn tint(&mut self, [red, green, blue]: [f32; 3]) {
+        for pixel in &mut self.rgb {
+            *pixel = [pixel[0] * red, pixel[1] * green, pixel[2] * blue];
+        }
+    }
+
     /// The frame that the camera delivers: light, then blur, then noise.
     #[must_use]
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to a byte")]
@@ -315,10 +381,15 @@ impl Scene {
 
 /// Pixels from `low` to `high` that lie in a frame of `n`.
 #[allow(clippy::cast_sign_loss, reason = "never negative")]
-fn span(low: f32, high: f32, n: usize) -> core::ops::Range<usize> {
+fn span(low: f32, high: f32, n: usize) -> Range<usize> {
     let inside = |v: f32| (math::floor(v).max(0) as usize).min(n);
     let first = inside(-math::floor(-low) as f32);
     first..inside(high + 1.0).max(first)
+}
+
+/// What two ranges have in common.
+fn common(a: &Range<usize>, b: &Range<usize>) -> Range<usize> {
+    a.start.max(b.start)..a.end.min(b.end)
 }
 
 /// Bilinear; `None` outside of the picture.
@@ -480,6 +551,61 @@ mod tests {
         assert!((spread - 10.0).abs() < 0.5, "{spread}");
     }
 
+    /// The scene as a frame, without blur and noise.
+    fn seen(scene: &Scene) -> Picture {
+        scene.clone().expose(&CLEAR, &mut Random::new(1))
+    }
+
+    #[test]
+    fn a_photograph_fills_the_frame_and_no_more_of_the_picture_than_there_is() {
+        // Darker to the right: a part shows some of it, in order or mirrored.
+        let ramp = Picture {
+            width: 200,
+            height: 50,
+            pixels: Pixels::Gray8((0..10_000).map(|i| 250 - (i % 200) as u8).collect()),
+        };
+        let mut mirrored = 0;
+        for seed in 0..20 {
+            let scene = Scene::photograph(64, 64, &Print::new(&ramp), &mut Random::new(seed));
+            let frame = seen(&scene);
+            let row: Vec<u8> = bytes(&frame)[..3 * 64].chunks_exact(3).map(|p| p[0]).collect();
+            let rises = row.windows(2).all(|w| w[0] <= w[1]);
+            assert!(rises || row.windows(2).all(|w| w[0] >= w[1]), "{row:?}");
+            assert!(row.iter().all(|&v| v >= 51), "nothing but the picture: {row:?}");
+            // 64 px of the frame are at most 50 of the picture, and at least two thirds of these.
+            assert!((30..=50).contains(&row[0].abs_diff(row[63])), "{row:?}");
+            mirrored += usize::from(rises);
+        }
+        assert!((5..=15).contains(&mirrored), "{mirrored} of 20");
+    }
+
+    #[test]
+    fn as_much_is_hidden_as_is_asked_for() {
+        let print = Print::new(&flat(200, 100, 200));
+        let other = Print::new(&flat(30, 30, 50));
+        let pose = Pose { rotation_deg: 30.0, tilt_deg: 20.0, axis_deg: 20.0, ..FRONT };
+        for (seed, share) in [(1, 0.1), (2, 0.3), (3, 0.5), (4, 0.8)] {
+            let mut scene = Scene { width: 120, height: 100, rgb: vec![[0.0; 3]; 12_000] };
+            let h = scene.lay(&print, &pose);
+            scene.hide(&print, &h, share, &other, &mut Random::new(seed));
+            let left = bytes(&seen(&scene)).iter().filter(|&&v| v > 125).count() as f32 / 3.0;
+            let hidden = 1.0 - left / area(&h.outline(200.0, 100.0));
+            assert!((hidden - share).abs() < 0.05, "{hidden} hidden of {share}");
+        }
+        let mut scene = Scene { width: 120, height: 100, rgb: vec![[0.0; 3]; 12_000] };
+        let h = scene.lay(&print, &pose);
+        let before = scene.rgb.clone();
+        scene.hide(&print, &h, 0.0, &other, &mut Random::new(1));
+        assert_eq!(scene.rgb, before, "nothing is hidden");
+    }
+
+    #[test]
+    fn a_tint_multiplies_each_channel() {
+        let mut scene = Scene { width: 1, height: 1, rgb: vec![[100.0; 3]] };
+        scene.tint([0.5, 1.0, 1.2]);
+        assert_eq!(bytes(&seen(&scene)), [50, 100, 120]);
+    }
+
     #[test]
     fn a_frame_is_the_same_bytes_wherever_it_is_made() {
         let mut random = Random::of(&[1, 2, 3]);
@@ -491,6 +617,6 @@ mod tests {
         scene.cover([40.0, 30.0], [20.0, 30.0], &mut random);
         assert!(h.outline(90.0, 60.0).iter().flatten().all(|&v| (0.0..160.0).contains(&v)), "{pose:?} is outside");
         let frame = scene.expose(&Exposure { gain: 0.8, blur_px: 1.0, noise: 4.0 }, &mut random);
-        assert_eq!(keygraph_core::model::crc32(bytes(&frame)), 0xe9ba_21bb, "CRC-32 of the frame");
+        assert_eq!(keygraph_core::stages::model::crc32(bytes(&frame)), 0xe9ba_21bb, "CRC-32 of the frame");
     }
 }

@@ -2,11 +2,7 @@
 //!
 //! In: results of a command. Out: JSON values. Memory and cost: the text.
 
-use keygraph_core::camera::{PlanePose, Pose};
-use keygraph_core::capacity::Stage;
-use keygraph_core::detect::Detection;
-use keygraph_core::model::{Method, Model};
-use keygraph_core::track::{State, Track};
+use keygraph_core::{Detection, Method, Model, PlanePose, Pose, Stage, State, Track};
 use serde_json::{Map, Value, json};
 
 use crate::assess::Assessment;

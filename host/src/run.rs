@@ -13,9 +13,7 @@ use std::sync::mpsc::{Receiver, channel};
 use std::thread;
 
 use anyhow::{Context, Result, anyhow};
-use keygraph_core::camera::PlanePose;
-use keygraph_core::frame::PixelFormat;
-use keygraph_core::model::Model;
+use keygraph_core::{Model, PixelFormat, PlanePose};
 
 use crate::annotate::{Canvas, Outline, colour, draw_axes, draw_corners, draw_label, draw_outline, draw_triangles};
 use crate::input::{Kind, Pending, Picture, Source, SourceFrame};

@@ -4,7 +4,7 @@
 //! pixel's centre lies at whole numbers, so that x becomes (x + 1/2) * factor - 1/2.
 //! Memory and cost: a few numbers.
 
-use keygraph_core::geometry::Homography;
+use keygraph_core::Homography;
 
 /// Maps one coordinate from a picture to a copy that has `factor` px per px of the picture.
 #[must_use]

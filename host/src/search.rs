@@ -10,15 +10,12 @@ use std::sync::{Mutex, MutexGuard};
 use std::time::Instant;
 
 use anyhow::{Context, Result};
-use keygraph_core::capacity::{Buffer, Room};
-use keygraph_core::detect::{
-    self as core, Detection, Detector, HdDetector, Observer, Output, QqvgaDetector, QvgaDetector, Stats, VgaDetector,
+use keygraph_core::stages::digest::Digests;
+use keygraph_core::stages::shrink::shrink;
+use keygraph_core::{
+    Buffer, Detection, Detector, Frame, FrameError, HdDetector, Model, Observer, Output, PixelFormat, QqvgaDetector,
+    QvgaDetector, Room, State, Stats, Track, Tracker, VgaDetector,
 };
-use keygraph_core::digest::Digests;
-use keygraph_core::frame::{Frame, FrameError, PixelFormat};
-use keygraph_core::model::Model;
-use keygraph_core::shrink::shrink;
-use keygraph_core::track::{State, Track, Tracker};
 
 use crate::input::{Picture, Pixels};
 use crate::scaling::scaling;
@@ -53,10 +50,10 @@ impl Profile {
     #[must_use]
     pub const fn memory(self) -> (usize, [Room; Buffer::COUNT]) {
         match self {
-            Self::Hd => (size_of::<HdDetector>(), core::Hd::ROOMS),
-            Self::Vga => (size_of::<VgaDetector>(), core::Vga::ROOMS),
-            Self::Qvga => (size_of::<QvgaDetector>(), core::Qvga::ROOMS),
-            Self::Qqvga => (size_of::<QqvgaDetector>(), core::Qqvga::ROOMS),
+            Self::Hd => (size_of::<HdDetector>(), keygraph_core::Hd::ROOMS),
+            Self::Vga => (size_of::<VgaDetector>(), keygraph_core::Vga::ROOMS),
+            Self::Qvga => (size_of::<QvgaDetector>(), keygraph_core::Qvga::ROOMS),
+            Self::Qqvga => (size_of::<QqvgaDetector>(), keygraph_core::Qqvga::ROOMS),
         }
     }
 }
@@ -255,7 +252,7 @@ impl Observer for Watch {
 }
 
 /// A detector of any profile.
-type AnyDetector = Detector<dyn core::Profile>;
+type AnyDetector = Detector<dyn keygraph_core::Profile>;
 
 /// Maximum number of frames that are searched at once. Detectors live in statics, which
 /// cost no memory until they are used.

@@ -10,7 +10,7 @@
 
 use clap::ValueEnum;
 use clap::builder::PossibleValue;
-use keygraph_core::frame::PixelFormat;
+use keygraph_core::PixelFormat;
 
 use crate::canvas::i420_to_rgb;
 
@@ -122,7 +122,7 @@ fn byte(v: i32) -> u8 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use keygraph_core::frame::Frame;
+    use keygraph_core::Frame;
 
     /// The core takes the frame of every format, even of a picture with odd sides, and sees
     /// the luma of the picture in it.

@@ -4,8 +4,7 @@
 //! they are spread, and the contrast and repetition of its template. Memory: some copies
 //! of the template. Cost: a pass over the keygraphs, and some 20 ms for the repetition.
 
-use keygraph_core::feature::FeatureKind;
-use keygraph_core::model::{Model, Template};
+use keygraph_core::{FeatureKind, Model, Template};
 
 /// Facts about an object that need no rendered frames.
 #[derive(Clone, Copy, Debug, PartialEq)]

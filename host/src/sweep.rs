@@ -17,9 +17,7 @@ use std::sync::mpsc::channel;
 use std::thread;
 
 use anyhow::Result;
-use keygraph_core::detect::DEFAULT_THRESHOLD;
-use keygraph_core::geometry::Homography;
-use keygraph_core::model::Model;
+use keygraph_core::{DEFAULT_THRESHOLD, Homography, Model};
 
 use crate::heat::Heat;
 use crate::picture::Picture;

@@ -7,8 +7,7 @@
 //! Memory: a tracker, some 3 KB. Cost: that of the tracker.
 
 use anyhow::Result;
-use keygraph_core::model::Model;
-use keygraph_core::track::Tracker;
+use keygraph_core::{Model, Tracker};
 
 use crate::input::Picture;
 use crate::search::{Found, Request, follow};

@@ -5,11 +5,7 @@
 
 use std::path::Path;
 
-use keygraph_core::camera::PlanePose;
-use keygraph_core::detect::Detection;
-use keygraph_core::feature::FeatureKind;
-use keygraph_core::model::Model;
-use keygraph_core::train::Trained;
+use keygraph_core::{Detection, FeatureKind, Model, PlanePose, Trained};
 
 use crate::assess::Assessment;
 use crate::bench::Bench;

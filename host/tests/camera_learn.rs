@@ -10,7 +10,7 @@ mod program;
 
 use camera_live::{Live, outline, truth};
 use keygraph::render::corner_error;
-use keygraph_core::model::MAGIC;
+use keygraph_core::MAGIC;
 use program::{Folder, frame, keygraph, picture};
 use serde_json::json;
 

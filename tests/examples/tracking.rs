@@ -25,10 +25,7 @@ use keygraph::input::{Picture, read_picture};
 use keygraph::learn::{Preset, train};
 use keygraph::render::{RIGHT, corner_error};
 use keygraph::search::{Found, Profile, Request, follow, search};
-use keygraph_core::detect::DEFAULT_THRESHOLD;
-use keygraph_core::geometry::Homography;
-use keygraph_core::model::Model;
-use keygraph_core::track::Tracker;
+use keygraph_core::{DEFAULT_THRESHOLD, Homography, Model, Tracker};
 use keygraph_tests::motion::{Motion, Sequence, astronaut};
 use serde_json::Value;
 

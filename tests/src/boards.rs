@@ -9,7 +9,7 @@ use std::mem::size_of;
 use std::sync::LazyLock;
 
 use keygraph::learn::Preset;
-use keygraph_core::detect::{HdDetector, QqvgaDetector, QvgaDetector, VgaDetector};
+use keygraph_core::{HdDetector, QqvgaDetector, QvgaDetector, VgaDetector};
 use serde_json::Value;
 
 /// Figures that `scripts/board --renew` measured on the emulated boards (qqvga on the Cortex-M4,

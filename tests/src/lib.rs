@@ -6,11 +6,10 @@ pub mod motion;
 
 use std::path::{Path, PathBuf};
 
-use keygraph_core::capacity::{chroma_bytes, luma_bytes};
-use keygraph_core::feature::FeatureKind;
-use keygraph_core::frame::{Frame, PixelFormat};
-use keygraph_core::model::{Method, crc32};
-use keygraph_core::train::{TrainParams, Trained, Trainer, ViewSpec};
+use keygraph_core::stages::model::crc32;
+use keygraph_core::{
+    FeatureKind, Frame, Method, PixelFormat, TrainParams, Trained, Trainer, ViewSpec, chroma_bytes, luma_bytes,
+};
 
 /// Returns the path of a file of the repository.
 #[must_use]

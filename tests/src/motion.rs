@@ -4,7 +4,8 @@
 
 use keygraph::input::{Picture, read_picture};
 use keygraph::render::{Exposure, Pose, Print, Random, Scene};
-use keygraph_core::geometry::{Homography, area, contains};
+use keygraph_core::Homography;
+use keygraph_core::stages::geometry::{area, contains};
 
 use crate::file;
 

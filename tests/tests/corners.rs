@@ -5,9 +5,9 @@
 use std::fmt::Write;
 
 use heapless::Vec as FixedVec;
-use keygraph_core::corners::{Corner, CornerParams, SCRATCH_ROWS, detect_corners};
-use keygraph_core::pyramid::Plane;
-use keygraph_core::rank::rank_by_strength;
+use keygraph_core::stages::corners::{Corner, CornerParams, SCRATCH_ROWS, detect_corners};
+use keygraph_core::stages::pyramid::Plane;
+use keygraph_core::stages::rank::rank_by_strength;
 use keygraph_tests::file;
 
 /// One corner of a golden list.
@@ -53,7 +53,7 @@ fn our_corners(name: &str, min_distance_px: u16, limit: usize) -> Vec<Corner> {
     let mut scratch = vec![0.0; SCRATCH_ROWS * w];
     let stats = detect_corners(plane, &params, &mut scratch, &mut *found);
     assert_eq!(stats.dropped, 0, "{name}: the buffer is too small for this test");
-    rank_by_strength(&mut *found, min_distance_px, limit, &mut keygraph_core::capacity::StageStats::default());
+    rank_by_strength(&mut *found, min_distance_px, limit, &mut keygraph_core::StageStats::default());
     found.to_vec()
 }
 

@@ -9,9 +9,9 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use heapless::Vec as FixedVec;
-use keygraph_core::capacity::StageStats;
-use keygraph_core::delaunay::{Triangulation, Triple, triangulate};
-use keygraph_core::geometry::{Point, in_circle, orient};
+use keygraph_core::StageStats;
+use keygraph_core::stages::delaunay::{Triangulation, Triple, triangulate};
+use keygraph_core::stages::geometry::{Point, in_circle, orient};
 use proptest::prelude::*;
 use proptest::test_runner::{RngSeed, TestCaseResult};
 use spade::{DelaunayTriangulation, Point2, Triangulation as _};

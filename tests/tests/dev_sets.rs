@@ -17,9 +17,8 @@ use std::path::PathBuf;
 use keygraph::input::read_picture;
 use keygraph::learn::{Preset, train};
 use keygraph::search::{Profile, search};
-use keygraph_core::detect::DEFAULT_THRESHOLD;
-use keygraph_core::geometry::{Homography, area};
-use keygraph_core::model::Model;
+use keygraph_core::stages::geometry::area;
+use keygraph_core::{DEFAULT_THRESHOLD, Homography, Model};
 use keygraph_tests::file;
 use serde_json::Value;
 

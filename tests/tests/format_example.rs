@@ -1,10 +1,11 @@
 //! Checks that the example in `docs/model-format.md` is a model with the contents that the page gives.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
 
-use keygraph_core::feature::{FeatureKind, signature};
-use keygraph_core::geometry::{Homography, Point};
-use keygraph_core::keygraph::{CELLS, Keygraph};
-use keygraph_core::model::{MAGIC, Method, Model, ModelError, Tier, VERSION};
+use keygraph_core::stages::feature::signature;
+use keygraph_core::stages::geometry::Point;
+use keygraph_core::stages::keygraph::{CELLS, Keygraph};
+use keygraph_core::stages::model::Tier;
+use keygraph_core::{FeatureKind, Homography, MAGIC, Method, Model, ModelError, VERSION};
 use keygraph_tests::{Sections, file, seal};
 
 fn page() -> String {

@@ -5,11 +5,8 @@
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{LazyLock, Mutex, PoisonError};
 
-use keygraph_core::capacity::Stage;
-use keygraph_core::detect::{Detection, QqvgaDetector, Stats};
-use keygraph_core::feature::FeatureKind;
-use keygraph_core::frame::NO_CHROMA;
-use keygraph_core::model::{Method, Model, ModelError, VERSION};
+use keygraph_core::stages::frame::NO_CHROMA;
+use keygraph_core::{Detection, FeatureKind, Method, Model, ModelError, QqvgaDetector, Stage, Stats, VERSION};
 use keygraph_tests::{Crop, Sections, put, read_u32, seal, small_model, small_picture};
 
 static MODEL: LazyLock<Vec<u8>> = LazyLock::new(|| small_model(Method::Keygraph, FeatureKind::Both, 14));

@@ -7,12 +7,11 @@ use std::sync::{LazyLock, Mutex, PoisonError};
 use keygraph::input::{Picture, Pixels, read_picture};
 use keygraph::learn::merge;
 use keygraph::search::{Profile, search};
-use keygraph_core::feature::FeatureKind;
-use keygraph_core::frame::{Frame, PixelFormat};
-use keygraph_core::keygraph::CELLS;
-use keygraph_core::model::{Method, Model, Tier};
-use keygraph_core::train::{TrainParams, VgaTrainer, ViewSpec};
-use keygraph_core::write::{PackError, pack, packed_len};
+use keygraph_core::stages::keygraph::CELLS;
+use keygraph_core::stages::model::Tier;
+use keygraph_core::{
+    FeatureKind, Frame, Method, Model, PackError, PixelFormat, TrainParams, VgaTrainer, ViewSpec, pack, packed_len,
+};
 use keygraph_tests::{Sections, file, small_model};
 
 /// Small models of three pictures, each with some thousand keygraphs on five views.

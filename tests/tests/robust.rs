@@ -5,15 +5,15 @@
 use std::sync::{LazyLock, Mutex, MutexGuard, PoisonError};
 
 use heapless::VecView;
-use keygraph_core::capacity::{Stage, StageStats};
-use keygraph_core::corners::Corner;
-use keygraph_core::delaunay::Triple;
-use keygraph_core::detect::{DEFAULT_THRESHOLD, Detection, Finder, QqvgaDetector, QvgaDetector, Stats, VgaDetector};
-use keygraph_core::feature::FeatureKind;
-use keygraph_core::frame::{Frame, FrameError, PixelFormat};
-use keygraph_core::geometry::Point;
-use keygraph_core::model::{Method, Model};
-use keygraph_core::pyramid::Plane;
+use keygraph_core::stages::corners::Corner;
+use keygraph_core::stages::delaunay::Triple;
+use keygraph_core::stages::finder::Finder;
+use keygraph_core::stages::geometry::Point;
+use keygraph_core::stages::pyramid::Plane;
+use keygraph_core::{
+    DEFAULT_THRESHOLD, Detection, Detector, FeatureKind, Frame, FrameError, Method, Model, PixelFormat, Profile,
+    QqvgaDetector, QvgaDetector, Stage, StageStats, Stats, VgaDetector,
+};
 use keygraph_tests::{small_model, small_picture};
 
 static QQVGA: Mutex<QqvgaDetector> = Mutex::new(QqvgaDetector::new());
@@ -206,7 +206,7 @@ fn a_frame_leaves_nothing_behind() {
     let first = run(&mut detector);
     for (_, pattern) in PATTERNS {
         let data = draw(PixelFormat::Yuyv, 160, 120, pattern).unwrap();
-        detect(detector, &Frame::new(PixelFormat::Yuyv, 160, 120, &data).unwrap(), &model).unwrap();
+        detect(&mut *detector, &Frame::new(PixelFormat::Yuyv, 160, 120, &data).unwrap(), &model).unwrap();
         assert_eq!(run(&mut detector), first);
     }
 }

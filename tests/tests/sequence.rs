@@ -7,8 +7,8 @@ use std::fmt::Write;
 use keygraph::input::{Picture, read_picture};
 use keygraph::learn::{Preset, train};
 use keygraph::search::{Profile, search};
-use keygraph_core::geometry::{Homography, area};
-use keygraph_core::model::Model;
+use keygraph_core::stages::geometry::area;
+use keygraph_core::{Homography, Model};
 use keygraph_tests::file;
 use serde_json::Value;
 

@@ -9,8 +9,7 @@ use keygraph::input::{Picture, read_picture};
 use keygraph::learn::{Preset, merge, train};
 use keygraph::render::{Exposure, Pose, Print, RIGHT, Random, Scene, corner_error};
 use keygraph::search::{Profile, Request, search_for};
-use keygraph_core::detect::{DEFAULT_THRESHOLD, Detection};
-use keygraph_core::model::Model;
+use keygraph_core::{DEFAULT_THRESHOLD, Detection, Model};
 use keygraph_tests::file;
 
 const MILD: Exposure = Exposure { gain: 1.0, blur_px: 0.6, noise: 3.0 };

@@ -9,9 +9,7 @@ use keygraph::learn::{Preset, train};
 use keygraph::render::{RIGHT, corner_error};
 use keygraph::report::frame_line;
 use keygraph::search::{Found, Profile, Request, follow, search};
-use keygraph_core::detect::DEFAULT_THRESHOLD;
-use keygraph_core::model::Model;
-use keygraph_core::track::{State, Tracker};
+use keygraph_core::{DEFAULT_THRESHOLD, Model, State, Tracker};
 use keygraph_tests::motion::{Motion, Sequence, Shot, astronaut};
 
 static PICTURE: LazyLock<Picture> = LazyLock::new(astronaut);

@@ -2,9 +2,7 @@
 //! It must not panic, and it must not write a model that cannot be read.
 #![allow(clippy::unwrap_used)]
 
-use keygraph_core::feature::FeatureKind;
-use keygraph_core::model::{Method, Model};
-use keygraph_core::train::{QqvgaTrainer, TrainError, TrainParams, Trained, ViewSpec};
+use keygraph_core::{FeatureKind, Method, Model, QqvgaTrainer, TrainError, TrainParams, Trained, ViewSpec};
 use keygraph_tests::small_picture;
 
 const FRONT: ViewSpec = ViewSpec { side_px: 96.0, squeeze: 1.0, direction_deg: 0.0, keypoints: 40 };

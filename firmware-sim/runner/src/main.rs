@@ -20,11 +20,8 @@ use keygraph_board::board::{Contents, Frames, Machine, Program, STACK_LIMIT, bui
 use keygraph_board::emulator::run;
 use keygraph_board::tables::Run;
 use keygraph_board::{baseline, sample};
-use keygraph_core::capacity::{Buffer, Stage};
-use keygraph_core::detect::{DEFAULT_THRESHOLD, Stats};
-use keygraph_core::digest::Digests;
-use keygraph_core::frame::Frame;
-use keygraph_core::model::{MAGIC, Model};
+use keygraph_core::stages::digest::Digests;
+use keygraph_core::{Buffer, DEFAULT_THRESHOLD, Frame, MAGIC, Model, Stage, Stats};
 use keygraph_firmware_sim::learn::largest;
 use keygraph_firmware_sim::wire::{FrameHeader, Job, Report, instructions};
 use serde_json::{Value, json};

@@ -4,7 +4,7 @@
 
 use std::fmt::Write;
 
-use keygraph_core::capacity::{Buffer, Stage};
+use keygraph_core::{Buffer, Stage};
 use keygraph_firmware_sim::wire::Report;
 
 use crate::board::{Contents, Frames, Machine, Program, STACK_LIMIT};

@@ -5,7 +5,7 @@
 #![no_std]
 #![no_main]
 
-use keygraph_core::model::Model;
+use keygraph_core::Model;
 use keygraph_firmware_sim::board::{Link, finish, frame_buffer, model, start_clock};
 use keygraph_firmware_sim::profile::Detector;
 use keygraph_firmware_sim::search::search_all;

@@ -6,7 +6,7 @@
 #![no_std]
 #![no_main]
 
-use keygraph_core::model::Model;
+use keygraph_core::Model;
 use keygraph_firmware_sim::board::{Arena, Link, finish, frame_buffer, program, stack_bytes, start_clock, ticks};
 use keygraph_firmware_sim::learn::Learner;
 use keygraph_firmware_sim::profile::Detector;

@@ -5,7 +5,7 @@
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
-use keygraph_core::detect::DEFAULT_THRESHOLD;
+use keygraph_core::DEFAULT_THRESHOLD;
 use tracing::level_filters::LevelFilter;
 
 use super::cutout::{Outline, parse_outline};

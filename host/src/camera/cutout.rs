@@ -9,7 +9,8 @@
 //! Memory: the picture. Cost: some 20 ns a pixel.
 
 use anyhow::{Result, bail, ensure};
-use keygraph_core::geometry::{Homography, area, is_convex};
+use keygraph_core::Homography;
+use keygraph_core::stages::geometry::{area, is_convex};
 
 use crate::annotate::Canvas;
 use crate::input::{Picture, Pixels};

@@ -9,9 +9,7 @@ use std::path::PathBuf;
 use std::sync::mpsc::Sender;
 
 use anyhow::{Result, ensure};
-use keygraph_core::detect::DEFAULT_THRESHOLD;
-use keygraph_core::model::{Model, NAME_BYTES};
-use keygraph_core::train::Trained;
+use keygraph_core::{DEFAULT_THRESHOLD, Model, NAME_BYTES, Trained};
 
 use super::cutout::{Outline, cut_out};
 use crate::input::Picture;

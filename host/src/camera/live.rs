@@ -14,7 +14,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, anyhow};
-use keygraph_core::model::Model;
+use keygraph_core::Model;
 use serde_json::{Value, json};
 use tokio::sync::watch;
 

@@ -58,7 +58,7 @@ use std::sync::{Arc, mpsc};
 use std::time::{Duration, Instant};
 
 use anyhow::{Result, anyhow, ensure};
-use keygraph_core::detect::DEFAULT_THRESHOLD;
+use keygraph_core::DEFAULT_THRESHOLD;
 use tracing::level_filters::LevelFilter;
 
 use crate::output::print_line;

@@ -12,7 +12,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use anyhow::{Context, Result, ensure};
-use keygraph_core::model::Model;
+use keygraph_core::Model;
 use serde_json::{Value, json};
 
 use super::shelf::Shelf;

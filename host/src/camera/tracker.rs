@@ -5,7 +5,7 @@
 //!
 //! Memory: a byte an object. Cost: negligible.
 
-use keygraph_core::track;
+use keygraph_core::State as CoreState;
 
 use crate::search::Found;
 
@@ -28,9 +28,9 @@ impl State {
     pub const fn name(self) -> &'static str {
         match self {
             Self::Searching => "searching",
-            Self::Lost => track::State::Lost.name(),
-            Self::Found => track::State::Found.name(),
-            Self::Tracked => track::State::Tracked.name(),
+            Self::Lost => CoreState::Lost.name(),
+            Self::Found => CoreState::Found.name(),
+            Self::Tracked => CoreState::Tracked.name(),
         }
     }
 
@@ -41,12 +41,12 @@ impl State {
     }
 }
 
-impl From<track::State> for State {
-    fn from(state: track::State) -> Self {
+impl From<CoreState> for State {
+    fn from(state: CoreState) -> Self {
         match state {
-            track::State::Found => Self::Found,
-            track::State::Tracked => Self::Tracked,
-            track::State::Lost => Self::Lost,
+            CoreState::Found => Self::Found,
+            CoreState::Tracked => Self::Tracked,
+            CoreState::Lost => Self::Lost,
         }
     }
 }
@@ -55,7 +55,7 @@ impl From<track::State> for State {
 #[must_use]
 pub fn states(objects: usize, found: &Found) -> Vec<State> {
     let mut states = vec![State::Searching; objects];
-    let mut note = |object: u16, state: track::State| {
+    let mut note = |object: u16, state: CoreState| {
         if let Some(s) = states.get_mut(usize::from(object)) {
             *s = State::from(state).max(*s);
         }
@@ -71,9 +71,7 @@ pub fn states(objects: usize, found: &Found) -> Vec<State> {
 mod tests {
     use super::*;
     use crate::search::Tracking;
-    use keygraph_core::align::Appearance;
-    use keygraph_core::detect::{Detection, Stats};
-    use keygraph_core::geometry::Homography;
+    use keygraph_core::{Appearance, Detection, Homography, Stats};
 
     #[test]
     fn the_instance_that_is_known_best_speaks_for_the_object() {
@@ -86,7 +84,7 @@ mod tests {
             agreeing: 0,
             appearance: Appearance::default(),
         };
-        let seen = vec![(4, track::State::Tracked), (7, track::State::Found), (8, track::State::Found)];
+        let seen = vec![(4, CoreState::Tracked), (7, CoreState::Found), (8, CoreState::Found)];
         let mut found = Found::new(vec![of(2), of(2), of(0)], Stats::default());
         found.tracking = Some(Tracking { seen, lost: Vec::new(), searched: true });
         assert_eq!(states(3, &found), [State::Found, State::Searching, State::Tracked]);

@@ -14,8 +14,7 @@ use keygraph::progress::Progress;
 use keygraph::search::Profile;
 use keygraph::sweep::{Options, frames};
 use keygraph::{advice, report, words};
-use keygraph_core::model::MAGIC;
-use keygraph_core::train::TrainError;
+use keygraph_core::{MAGIC, TrainError};
 
 use super::model_files::{load, parse};
 use super::train::name_of;

@@ -11,7 +11,7 @@ use keygraph::output::print_line;
 use keygraph::picture::Picture;
 use keygraph::search::{Profile, Request};
 use keygraph::{report, words};
-use keygraph_core::detect::DEFAULT_THRESHOLD;
+use keygraph_core::DEFAULT_THRESHOLD;
 
 use super::model_files::{load, parse};
 

@@ -14,9 +14,7 @@ use keygraph::run::{Options, run as search_all};
 use keygraph::search::{Profile, parse_threshold};
 use keygraph::sensor::SensorFormat;
 use keygraph::{report, words};
-use keygraph_core::camera::Intrinsics;
-use keygraph_core::detect::DEFAULT_THRESHOLD;
-use keygraph_core::model::Model;
+use keygraph_core::{DEFAULT_THRESHOLD, Intrinsics, Model};
 
 use super::model_files::{load, parse};
 use super::usage_error;

@@ -5,8 +5,7 @@ use std::{fs, io, slice};
 
 use anyhow::{Context, Error, Result};
 use keygraph::learn::merge;
-use keygraph_core::model::Model;
-use keygraph_core::write::PackError;
+use keygraph_core::{Model, PackError};
 
 /// Reads models, and merges several into one. A single model is not checked: [`parse`] does
 /// that once, since it takes most of the time in which a search gets ready.

@@ -13,8 +13,7 @@ use keygraph::output::{check_folder_of, print_line};
 use keygraph::picture::{Part, Picture, read_framed};
 use keygraph::search::{Profile, search};
 use keygraph::{advice, report, words};
-use keygraph_core::detect::DEFAULT_THRESHOLD;
-use keygraph_core::model::{Method, Model, NAME_BYTES};
+use keygraph_core::{DEFAULT_THRESHOLD, Method, Model, NAME_BYTES};
 
 use super::usage_error;
 use super::values::model_size;

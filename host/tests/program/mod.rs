@@ -15,7 +15,7 @@ use image::RgbImage;
 use keygraph::annotate::Canvas;
 use keygraph::input::read_picture;
 use keygraph::render::{Exposure, Print, Random, Scene};
-use keygraph_core::geometry::Homography;
+use keygraph_core::Homography;
 use serde_json::Value;
 
 // ------------------------------------------------------------------- running

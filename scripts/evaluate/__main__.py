@@ -1,0 +1,239 @@
+"""Measure how well objects are found, on rendered frames whose pose is known exactly.
+
+    python3 scripts/evaluate curves          docs/curves.png, .json: found, against
+                                             scale, rotation, tilt, occlusion, light
+    python3 scripts/evaluate economy         docs/economy.png, .json: found, against
+                                             the model's size
+    python3 scripts/evaluate precision       corner error in px, a table
+    python3 scripts/evaluate calibration [TRUTH.json ...]
+                                             score against the share right, a table
+    python3 scripts/evaluate false-alarms [FRAMES ...]
+                                             detections where nothing is to be found
+    python3 scripts/evaluate growth          docs/growth.png, .json: time, against
+                                             objects, keygraphs, corners and pixels
+    python3 scripts/evaluate rivals          time beside OpenCV, a table
+
+Needs `cargo build --release`. The packages numpy, opencv-python-headless and matplotlib
+are installed into out/evaluate where they are missing. The renderer is built when it is
+first needed.
+
+In: pictures of objects and backgrounds (those of assets/ unless others are given); for
+`calibration` and `false-alarms` also truth files: a list of
+{"name", "model": picture, "frames": [{"image", "H" or "corners"}]}, with paths relative to
+the file. "H" maps picture pixels to frame pixels (nine numbers or three rows), "corners"
+are the images of (0,0), (w,0), (w,h), (0,h). A null for either says that the object is not
+there. A frame with "train": true shows the object and is left out: the picture was cut
+from it.
+
+Frames: 640x480 px, rendered by host/src/render.rs. At scale 1 the object's longer side is
+420 px. The object is seen by a pinhole camera of 640 px focal length, over a background
+and behind a patch that never show the object itself. Tilt is the angle between the
+object's normal and the line of sight to its middle. Pixel centres have integer
+coordinates. The same pictures and seed give the same frames on every machine.
+
+Found: the mean distance of the best detection's four corners from the truth is under 10 %
+of the object's size, the square root of its area in the frame. Tight: under 3 %.
+Rivals: OpenCV's SIFT and ORB (1,000 features) with ratio test and RANSAC homography, on
+the same frames. Times are in-process, of one thread, from the decoded pixels to the
+outlines.
+
+Cost: a frame is rendered in about 60 ms, and searched in 10 to 150 ms. `curves --frames 3`
+takes some 10 minutes, `economy --frames 3` 10, `false-alarms` 15 to 50, `growth` 30, the
+tables a few minutes.
+"""
+
+import argparse
+import importlib
+import os
+import tempfile
+
+from packages import need
+from places import DOCS, KEYGRAPH, PICTURES, SEQUENCE
+
+# Command -> the module of its function.
+MODULES = {
+    "curves": "commands",
+    "economy": "commands",
+    "precision": "commands",
+    "calibration": "alarms",
+    "false-alarms": "alarms",
+    "growth": "growth",
+    "rivals": "rivals",
+}
+OBJECTS = [os.path.join(PICTURES, f"{name}.jpg") for name in ("astronaut", "chelsea", "coffee", "hubble", "rocket")]
+
+
+def parser():
+    """The command line."""
+    p = argparse.ArgumentParser(
+        prog="evaluate", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    commands = p.add_subparsers(dest="command", required=True)
+
+    def command(name, help_text):
+        c = commands.add_parser(name, help=help_text, description=help_text)
+        c.add_argument(
+            "--keygraph", default=KEYGRAPH, metavar="FILE", help="the command [default: target/release/keygraph]"
+        )
+        return c
+
+    c = command("curves", "Found, against scale, rotation, tilt, occlusion, light")
+    add_pictures(c)
+    add_frames(c, 8, "a point and object")
+    add_figure(c, "curves.png", redraw=True)
+    c = command("economy", "Found, against the model's size")
+    add_pictures(c)
+    add_frames(c, 12, "a condition and object")
+    add_figure(c, "economy.png", redraw=True)
+    c = command("precision", "Corner error in px")
+    add_pictures(c)
+    add_frames(c, 40, "an object")
+    c.add_argument("--scale", type=float, default=1.0)
+    c = command("calibration", "Score, against the share of right detections")
+    add_pictures(c)
+    add_frames(c, 100, "an object")
+    c.add_argument("truth", nargs="*", metavar="TRUTH.json", help="truth files, whose frames are searched as well")
+    c.add_argument("--bins", type=positive, default=10)
+    add_training(c)
+    add_false_alarms(command("false-alarms", "Detections in frames that do not show the object"))
+    add_growth(command("growth", "Time, against objects, keygraphs, corners and pixels"))
+    add_rivals(command("rivals", "Time beside OpenCV, on the same frames"))
+    return p
+
+
+def add_pictures(c):
+    """Options of all commands that render frames."""
+    c.add_argument(
+        "--objects",
+        nargs="+",
+        default=OBJECTS,
+        metavar="PICTURE",
+        help="pictures of objects, or folders of them [default: five of assets/pictures]",
+    )
+    add_backgrounds(c)
+
+
+def add_backgrounds(c):
+    """Options of what is around the objects."""
+    c.add_argument(
+        "--backgrounds",
+        nargs="+",
+        default=[PICTURES],
+        metavar="PICTURE",
+        help="pictures for backgrounds and patches, or folders of them [default: assets/pictures]",
+    )
+    c.add_argument("--seed", type=int, default=1)
+
+
+def add_frames(c, default, of_what):
+    """How many frames are rendered."""
+    c.add_argument(
+        "--frames",
+        type=positive,
+        default=default,
+        metavar="N",
+        help=f"rendered frames {of_what} [default: {default}]",
+    )
+
+
+def add_figure(c, name, redraw):
+    """Where a figure goes."""
+    c.add_argument(
+        "--out",
+        default=os.path.join(DOCS, name),
+        metavar="FILE.png",
+        help=f"figure; the numbers go beside it as .json [default: docs/{name}]",
+    )
+    if redraw:
+        c.add_argument("--redraw", action="store_true", help="only draw anew, from the numbers of an earlier run")
+
+
+def add_training(c):
+    """Options of commands that look for wrong detections."""
+    c.add_argument("--keep", metavar="DIR", help="copy the frames with wrong detections here")
+    c.add_argument(
+        "--train",
+        type=str.split,
+        default=[],
+        metavar="OPTIONS",
+        help="options of `keygraph train`, as one word: --train='--preset standard'",
+    )
+
+
+def add_false_alarms(c):
+    """Options of `false-alarms`."""
+    add_pictures(c)
+    c.add_argument(
+        "frames",
+        nargs="*",
+        metavar="FRAMES",
+        help="truth files; frames or folders of frames that show none of the objects",
+    )
+    c.add_argument(
+        "--pairs",
+        type=positive,
+        default=30_000,
+        metavar="N",
+        help="frames are rendered until there are so many pairs of frame and object [default: 30000]",
+    )
+    c.add_argument(
+        "--threshold", type=float, default=0.05, metavar="S", help="least score that is counted [default: 0.05]"
+    )
+    add_training(c)
+
+
+def add_growth(c):
+    """Options of `growth`."""
+    c.set_defaults(objects=OBJECTS)
+    c.add_argument(
+        "--objects",
+        dest="counts",
+        type=positive,
+        nargs="+",
+        default=[1, 10, 100, 1000],
+        metavar="N",
+        help="how many objects are looked for at once [default: 1 10 100 1000]",
+    )
+    add_backgrounds(c)
+    add_frames(c, 4, "of each object and condition")
+    c.add_argument("--work", metavar="DIR", help="keep the posters' models here, for the next run")
+    add_figure(c, "growth.png", redraw=False)
+
+
+def add_rivals(c):
+    """Options of `rivals`."""
+    c.add_argument(
+        "--object",
+        default=os.path.join(PICTURES, "astronaut.jpg"),
+        metavar="PICTURE",
+        help="the object [default: astronaut.jpg]",
+    )
+    c.add_argument("--frames", default=SEQUENCE, metavar="DIR", help="a folder of frames [default: assets/sequence]")
+    c.add_argument("--passes", type=positive, default=5, metavar="N", help="times that each frame is taken")
+    c.add_argument("--presets", nargs="+", default=["large", "standard", "compact"], metavar="PRESET")
+    c.add_argument("--record", metavar="DIR", help="leave the table and all numbers here, as DATE.md and DATE.json")
+
+
+def positive(text):
+    """A whole number of 1 or more."""
+    n = int(text)
+    if n < 1:
+        raise argparse.ArgumentTypeError("give 1 or more")
+    return n
+
+
+def main():
+    """Runs the command that is asked for."""
+    args = parser().parse_args()
+    need(["cv2", "numpy"] if args.command == "rivals" else ["cv2", "numpy", "matplotlib"])
+    module = importlib.import_module(MODULES[args.command])
+    import cv2
+
+    cv2.setNumThreads(1)
+    cv2.setRNGSeed(1)
+    with tempfile.TemporaryDirectory(prefix="keygraph-") as folder:
+        getattr(module, args.command.replace("-", "_"))(args, folder)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,11 @@
+"""Where things are in the repository."""
+
+import os
+
+ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
+PICTURES = os.path.join(ROOT, "assets", "pictures")
+SEQUENCE = os.path.join(ROOT, "assets", "sequence")
+DOCS = os.path.join(ROOT, "docs")
+# Cargo's folder of release builds.
+RELEASE = os.path.join(ROOT, os.environ.get("CARGO_TARGET_DIR", "target"), "release")
+KEYGRAPH = os.path.join(RELEASE, "keygraph")

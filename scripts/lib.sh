@@ -1,0 +1,53 @@
+# shellcheck shell=bash
+# What the scripts of this folder have in common. It is sourced, not run:
+#   . "$(dirname "$0")/lib.sh"
+
+# Prints the title of a part of the work, and the seconds since the start.
+step() { printf '\n== %s (%d s)\n' "$*" "$SECONDS"; }
+
+# Runs a command as root, where that needs no password.
+as_root() {
+  if [ "$(id -u)" = 0 ]; then "$@"
+  elif command -v sudo >/dev/null && sudo -n true 2>/dev/null; then sudo "$@"
+  else return 1; fi
+}
+
+# Installs Debian packages. Fails where there is no apt-get, or no right to use it.
+install_packages() {
+  command -v apt-get >/dev/null || return 1
+  # Old lists of packages are better than none.
+  as_root apt-get update -qq || true
+  as_root apt-get install -y -qq --no-install-recommends "$@" >/dev/null
+}
+
+# Ends the script with a message.
+fail() {
+  echo "$*" >&2
+  exit 1
+}
+
+# Says that something is missing, and what installs it. The caller goes on without it;
+# with KEYGRAPH_MUST_NOT_SKIP set, the script ends.
+#   skip WHAT COMMAND
+skip() {
+  [ -z "${KEYGRAPH_MUST_NOT_SKIP:-}" ] || fail "$1 is missing, and nothing may be skipped"
+  echo "SKIPPED: $1 is missing; install it with: $2" >&2
+}
+
+# Ends the script when there is no Rust.
+need_rust() {
+  command -v cargo >/dev/null || fail "Rust is missing: install it as https://rustup.rs says, then run this again."
+}
+
+# Whether the compiler has a target; adds it where rustup may.
+#   has_target TARGET
+has_target() {
+  [ -d "$(rustc --print sysroot)/lib/rustlib/$1/lib" ] ||
+    { command -v rustup >/dev/null && rustup target add "$1" >&2; }
+}
+
+# Ends the script when a target is missing and cannot be added.
+#   need_target TARGET
+need_target() {
+  has_target "$1" || fail "The Rust target $1 is missing; install it with: rustup target add $1"
+}
