@@ -40,7 +40,7 @@
 //! standard error, and the exit status is 1. The same line gives the same pixels on every
 //! machine.
 //!
-//! Memory: each picture named is kept, at most 3 MB each. Cost: 50 ms a frame of
+//! Memory: each picture named is kept, at most 3 MB each. Cost: 80 ms a frame of
 //! 640x480 px.
 
 use std::collections::HashMap;

@@ -37,8 +37,8 @@ Rivals: OpenCV's SIFT and ORB (1,000 features) with ratio test and RANSAC homogr
 the same frames. Times are in-process, of one thread, from the decoded pixels to the
 outlines.
 
-Cost: a frame is rendered in about 60 ms, and searched in 10 to 150 ms. `curves --frames 3`
-takes some 10 minutes, `economy --frames 3` 10, `false-alarms` 15 to 50, `growth` 30, the
+Cost: a frame is rendered in some 80 ms, and searched in 4 to 170 ms. `curves --frames 3`
+takes some 10 minutes, `economy --frames 3` 3, `false-alarms` 15 to 50, `growth` 30, the
 tables a few minutes.
 """
 
