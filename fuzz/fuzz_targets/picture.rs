@@ -30,7 +30,7 @@ fuzz_target!(|data: &[u8]| {
     let original = if large { (input.long(), input.long()) } else { (1 + u32::from(input.byte()), 300) };
     let (format, w, h, pixels) = frame_bytes(&mut input, (64, 64));
     let frame = Frame::new(format, w, h, &pixels).expect("it has this size");
-    let params = TrainParams { name: "any\u{1f4d6}", method, feature, views: &views, max_keygraphs, max_per_cell };
+    let params = TrainParams::new("any\u{1f4d6}", method, feature, &views).capped(max_keygraphs, max_per_cell);
     let mut out = vec![0; room];
     let trained = match trainer().train(&frame, original, &params, &mut out) {
         Ok(trained) => trained,

@@ -62,7 +62,7 @@ fn train(method: Method, feature: FeatureKind) -> Vec<u8> {
     let frame = Frame::new(PixelFormat::Rgb8, w, h, picture()).expect("it has this size");
     let view = |side_px, squeeze| ViewSpec { side_px, squeeze, direction_deg: 0.0, keypoints: 40 };
     let views = [view(128.0, 1.0), view(96.0, 0.8)];
-    let params = TrainParams { name: "astronaut", method, feature, views: &views, max_keygraphs: 90, max_per_cell: 50 };
+    let params = TrainParams::new("astronaut", method, feature, &views).capped(90, 50);
     let mut model = vec![0; 1 << 16];
     let trained = trainer().train(&frame, (128, 64), &params, &mut model).expect("the picture has texture");
     model.truncate(trained.bytes);

@@ -6,7 +6,7 @@
 use std::sync::Mutex;
 
 use anyhow::{Context, Result, ensure};
-use keygraph_core::{FeatureKind, Frame, Method, Model, TrainParams, Trained, VgaTrainer, ViewSpec, pack, packed_len};
+use keygraph_core::{Frame, Model, Trained, VgaTrainer, pack, packed_len};
 
 use crate::input::{Picture, Pixels};
 use crate::search::fit;
@@ -24,71 +24,22 @@ pub enum Preset {
     Paper,
 }
 
-/// A view from the front, scaled to a longer side of `side_px`.
-const fn upright(side_px: f32, keypoints: u8) -> ViewSpec {
-    ViewSpec { side_px, squeeze: 1.0, direction_deg: 0.0, keypoints }
-}
-
-/// A view that is squeezed to `squeeze` of its length in one direction, as a tilt does.
-const fn tilted(side_px: f32, squeeze: f32, direction_deg: f32, keypoints: u8) -> ViewSpec {
-    ViewSpec { side_px, squeeze, direction_deg, keypoints }
-}
-
-const VIEWS: [ViewSpec; 21] = [
-    upright(400.0, 110),
-    upright(280.0, 110),
-    upright(200.0, 100),
-    upright(140.0, 90),
-    upright(100.0, 70),
-    tilted(320.0, 0.7, 0.0, 80),
-    tilted(320.0, 0.7, 45.0, 80),
-    tilted(320.0, 0.7, 90.0, 80),
-    tilted(320.0, 0.7, 135.0, 80),
-    tilted(180.0, 0.7, 0.0, 80),
-    tilted(180.0, 0.7, 45.0, 80),
-    tilted(180.0, 0.7, 90.0, 80),
-    tilted(180.0, 0.7, 135.0, 80),
-    tilted(400.0, 0.5, 0.0, 80),
-    tilted(400.0, 0.5, 45.0, 80),
-    tilted(400.0, 0.5, 90.0, 80),
-    tilted(400.0, 0.5, 135.0, 80),
-    tilted(220.0, 0.5, 0.0, 70),
-    tilted(220.0, 0.5, 45.0, 70),
-    tilted(220.0, 0.5, 90.0, 70),
-    tilted(220.0, 0.5, 135.0, 70),
-];
-
-const PAPER_VIEW: [ViewSpec; 1] = [upright(640.0, 79)];
-
 impl Preset {
-    /// Maximum size of a model in bytes.
+    /// The preset of the core, which holds what it means.
     #[must_use]
-    pub const fn bytes(self) -> usize {
+    pub const fn of_core(self) -> keygraph_core::Preset {
         match self {
-            Self::Large => 2_000_000,
-            Self::Standard => 1_500_000,
-            Self::Compact => 512 << 10,
-            Self::Paper => 8 << 20,
+            Self::Large => keygraph_core::Preset::Large,
+            Self::Standard => keygraph_core::Preset::Standard,
+            Self::Compact => keygraph_core::Preset::Compact,
+            Self::Paper => keygraph_core::Preset::Paper,
         }
     }
 
-    /// The core's training parameters for this preset.
+    /// Maximum size of a model in bytes.
     #[must_use]
-    pub const fn params(self, name: &str, luma_only: bool) -> TrainParams<'_> {
-        let (method, views): (_, &'static [ViewSpec]) = match self {
-            Self::Paper => (Method::Paper, &PAPER_VIEW),
-            _ => (Method::Keygraph, &VIEWS),
-        };
-        let feature = match self {
-            _ if luma_only => FeatureKind::Luma,
-            Self::Paper => FeatureKind::Chroma,
-            _ => FeatureKind::Both,
-        };
-        let max_per_cell = match self {
-            Self::Paper => usize::MAX,
-            _ => 4000,
-        };
-        TrainParams { name, method, feature, views, max_keygraphs: usize::MAX, max_per_cell }
+    pub const fn bytes(self) -> usize {
+        self.of_core().bytes()
     }
 }
 
@@ -133,7 +84,7 @@ pub fn train_within(
     let mut model = vec![0; bytes];
     let mut trainer = TRAINER.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
     let luma_only = luma_only || (preset != Preset::Paper && !has_colour(picture));
-    let params = preset.params(name, luma_only);
+    let params = preset.of_core().params(name, luma_only);
     let trained = trainer.train(&frame, (picture.width, picture.height), &params, &mut model)?;
     ensure!(trained.keygraphs.kept > 0, "{} bytes cannot hold one keygraph: allow more", model.len());
     model.truncate(trained.bytes);

@@ -2,7 +2,7 @@
 //!
 //! In: results of a command. Out: JSON values. Memory and cost: the text.
 
-use keygraph_core::{Detection, Method, Model, PlanePose, Pose, Stage, State, Track};
+use keygraph_core::{Detection, Model, PlanePose, Pose, Stage, State, Track};
 use serde_json::{Map, Value, json};
 
 use crate::assess::Assessment;
@@ -118,15 +118,6 @@ pub fn error_line(source: &str, frame: u64, error: &str) -> Value {
     json!({"source": source, "frame": frame, "error": error, "detections": []})
 }
 
-/// The name of the method that a model was trained for.
-#[must_use]
-pub const fn method_name(model: &Model<'_>) -> &'static str {
-    match model.method() {
-        Method::Keygraph => "keygraph",
-        Method::Paper => "paper",
-    }
-}
-
 /// The object that `train --json` and `inspect --json` print.
 #[must_use]
 pub fn model_object(model: &Model<'_>) -> Value {
@@ -142,7 +133,7 @@ pub fn model_object(model: &Model<'_>) -> Value {
         "bytes": model.bytes().len(),
         "feature": model.feature().name(),
         "views": model.views(),
-        "method": method_name(model),
+        "method": model.method().name(),
     })
 }
 

@@ -9,7 +9,6 @@ use keygraph_core::{Detection, FeatureKind, Model, PlanePose, Trained};
 
 use crate::assess::Assessment;
 use crate::bench::Bench;
-use crate::report::method_name;
 use crate::run::Searched;
 use crate::sweep::{Cell, frames};
 
@@ -34,7 +33,7 @@ pub fn model(model: &Model<'_>, path: &Path) -> String {
     format!(
         "method     {}\ntriples    {triples} possible\nkeygraphs  {}\nsubsets    {used} used, the largest has {largest}\n\
          model      {}, {} bytes, feature {}",
-        method_name(model),
+        model.method().name(),
         model.keygraphs(),
         path.display(),
         model.bytes().len(),

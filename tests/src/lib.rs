@@ -69,14 +69,8 @@ pub fn small_picture() -> Crop {
 pub fn small_model(method: Method, feature: FeatureKind, keypoints: u8) -> Vec<u8> {
     let picture = small_picture();
     let view = |side_px, squeeze| ViewSpec { side_px, squeeze, direction_deg: 0.0, keypoints };
-    let params = TrainParams {
-        name: "astronaut",
-        method,
-        feature,
-        views: &[view(128.0, 1.0), view(96.0, 0.8)],
-        max_keygraphs: 60,
-        max_per_cell: 50,
-    };
+    let views = [view(128.0, 1.0), view(96.0, 0.8)];
+    let params = TrainParams::new("astronaut", method, feature, &views).capped(60, 50);
     let mut trainer: Box<Trainer<{ luma_bytes(128 * 64) }, { chroma_bytes(128 * 64) }, 128, 400>> = Box::default();
     let mut model = vec![0; 1 << 16];
     let Trained { bytes, .. } = trainer.train(&picture.frame(), (128, 64), &params, &mut model).unwrap();

@@ -29,14 +29,7 @@ fn model_of(name: &str) -> Vec<u8> {
         direction_deg: 0.0,
         keypoints: 60,
     });
-    let params = TrainParams {
-        name,
-        method: Method::Keygraph,
-        feature: FeatureKind::Both,
-        views: &views,
-        max_keygraphs: 6000,
-        max_per_cell: 4000,
-    };
+    let params = TrainParams::new(name, Method::Keygraph, FeatureKind::Both, &views).capped(6000, 4000);
     let mut model = vec![0; 1 << 20];
     let mut trainer = TRAINER.lock().unwrap_or_else(PoisonError::into_inner);
     let trained = trainer.train(&frame, (picture.width, picture.height), &params, &mut model).unwrap();

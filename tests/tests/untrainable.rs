@@ -8,14 +8,8 @@ use keygraph_tests::small_picture;
 const FRONT: ViewSpec = ViewSpec { side_px: 96.0, squeeze: 1.0, direction_deg: 0.0, keypoints: 40 };
 
 fn train(view: ViewSpec, original: (u32, u32), model: &mut [u8]) -> Result<Trained, TrainError> {
-    let params = TrainParams {
-        name: "astronaut",
-        method: Method::Keygraph,
-        feature: FeatureKind::Both,
-        views: &[FRONT, view],
-        max_keygraphs: 60,
-        max_per_cell: 50,
-    };
+    let views = [FRONT, view];
+    let params = TrainParams::new("astronaut", Method::Keygraph, FeatureKind::Both, &views).capped(60, 50);
     Box::<QqvgaTrainer>::default().train(&small_picture().frame(), original, &params, model)
 }
 

@@ -40,6 +40,7 @@ pub(crate) const fn id(index: usize) -> u16 {
 /// The stages, in the order in which a frame flows through them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum Stage {
     /// Raw pixels to luma and half-size chroma.
     Convert,
@@ -105,6 +106,8 @@ impl Stage {
 
 /// The buffers of a detector that grow with its profile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum Buffer {
     /// Pyramid of luma, bytes.
     Luma,
@@ -174,6 +177,8 @@ impl Buffer {
 
 /// What one buffer takes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub struct Room {
     /// Bytes of memory.
     pub bytes: usize,

@@ -24,6 +24,7 @@ const LEAST_SPREAD: f32 = 5.0;
 /// How the frame correlates with the template, block by block.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub struct Appearance {
     /// Blocks that count.
     pub blocks: u16,

@@ -46,6 +46,7 @@ const _: () = assert!(with_frame(size_of::<Hd>(), 1280 * 720) <= 12 << 20, "hd e
 /// The largest frame that fits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub struct Limits {
     /// Longest side, px.
     pub side: usize,

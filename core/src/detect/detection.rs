@@ -16,8 +16,9 @@ const MIN_AREA_PX: f32 = 144.0;
 const MAX_RATIO: f32 = 4.0;
 
 /// One instance of an object in a frame.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub struct Detection {
     /// Index of the object in the model.
     pub object: u16,
@@ -39,19 +40,26 @@ pub struct Detection {
 pub(crate) type Detections = Vec<Detection, DETECTIONS>;
 
 impl Detection {
-    /// A pose without evidence.
-    #[inline(never)]
-    pub(crate) fn at(model: &Model<'_>, object: u16, homography: &Homography) -> Self {
-        let o = model.object(usize::from(object));
+    /// A pose of an object whose picture has `width` x `height` px, without evidence. Programs
+    /// that use detections make their tests by it.
+    #[must_use]
+    pub fn new(object: u16, homography: &Homography, [width, height]: [f32; 2]) -> Self {
         Self {
             object,
             homography: *homography,
-            corners: homography.outline(o.width as f32, o.height as f32),
+            corners: homography.outline(width, height),
             score: 0.0,
             votes: 0,
             agreeing: 0,
             appearance: Appearance::default(),
         }
+    }
+
+    /// A pose of an object of a model, without evidence.
+    #[inline(never)]
+    pub(crate) fn at(model: &Model<'_>, object: u16, homography: &Homography) -> Self {
+        let o = model.object(usize::from(object));
+        Self::new(object, homography, [o.width as f32, o.height as f32])
     }
 
     /// Whether its outline can be that of a picture in front of a camera.

@@ -158,9 +158,8 @@ mod tests {
     }
 
     fn at(object: u16, x: f32, score: f32) -> Detection {
-        let corners = [[x, 10.0], [x + 50.0, 10.0], [x + 50.0, 60.0], [x, 60.0]];
         let homography = Homography::affine([1.0, 0.0, x, 0.0, 1.0, 10.0]);
-        Detection { object, homography, corners, score, votes: 0, agreeing: 0, appearance: Appearance::default() }
+        Detection { score, ..Detection::new(object, &homography, [50.0; 2]) }
     }
 
     #[test]

@@ -15,8 +15,9 @@ use crate::extract::keygraph::Keygraph;
 use crate::image::pyramid::PyramidView;
 
 /// What the stages did with one frame.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub struct Stats {
     /// Counts by stage, in the order of [`Stage::ALL`].
     pub stages: [StageStats; Stage::COUNT],
@@ -67,6 +68,7 @@ impl Tally {
 /// What a stage has just made, for an [`Observer`]. Buffers are used again within a
 /// frame: levels, chunks of keygraphs and candidates come one after the other.
 #[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
 pub enum Output<'a> {
     /// Level 0 of luma and chroma.
     Planes(PyramidView<'a>),

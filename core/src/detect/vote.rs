@@ -49,7 +49,7 @@ impl Similarity {
 }
 
 /// One match and the pose that it speaks for.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Vote {
     /// The pose.

@@ -40,6 +40,7 @@ const CHROMA_FLOOR: f32 = 4.0;
 /// What a feature is made of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum FeatureKind {
     /// Chroma, as in the paper.
     Chroma,
@@ -63,6 +64,7 @@ impl FeatureKind {
 
 /// Where a feature is sampled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Sampling {
     /// On segments in the corners, absolute: the paper.
     Segments,

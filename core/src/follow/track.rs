@@ -64,6 +64,7 @@ pub const FADE: f32 = 0.7;
 
 /// How an instance stands in the last frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum State {
     /// Found by a search: it was not seen in the frame before.
     Found,
@@ -86,7 +87,8 @@ impl State {
 }
 
 /// One instance of an object, followed.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Track {
     /// Its own, never used twice.
     pub id: u32,
@@ -532,14 +534,8 @@ mod tests {
     fn model() -> Vec<u8> {
         let picture: Vec<u8> = (0..W * H).map(|i| blocks(i % W, i / W)).collect();
         let view = |side_px| ViewSpec { side_px, squeeze: 1.0, direction_deg: 0.0, keypoints: 60 };
-        let params = TrainParams {
-            name: "blocks",
-            method: Method::Keygraph,
-            feature: FeatureKind::Luma,
-            views: &[view(96.0), view(80.0)],
-            max_keygraphs: 4000,
-            max_per_cell: 100,
-        };
+        let views = [view(96.0), view(80.0)];
+        let params = TrainParams::new("blocks", Method::Keygraph, FeatureKind::Luma, &views).capped(4000, 100);
         let mut bytes = vec![0; 128 << 10];
         let frame = Frame::new(PixelFormat::Gray8, W, H, &picture).unwrap();
         let mut trainer: Box<QqvgaTrainer> = Box::default();

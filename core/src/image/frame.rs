@@ -68,6 +68,7 @@ impl PixelFormat {
 /// Why a frame was refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum FrameError {
     /// The buffer does not hold exactly one frame: pass `expected` bytes
     /// (rows without padding).

@@ -11,6 +11,7 @@ use crate::extract::rank::Ranking;
 /// How the keygraphs were made, and so how frames are searched.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum Method {
     /// Several views and scales, nested levels, normalised features.
     Keygraph,
@@ -19,6 +20,15 @@ pub enum Method {
 }
 
 impl Method {
+    /// The name used in reports and JSON.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Keygraph => "keygraph",
+            Self::Paper => "paper",
+        }
+    }
+
     /// Where its features are sampled.
     #[must_use]
     pub const fn sampling(self) -> Sampling {

@@ -21,6 +21,8 @@ use crate::model::table::is_one_of;
 
 /// Why models cannot be packed into one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum PackError {
     /// There is nothing to pack.
     Nothing,

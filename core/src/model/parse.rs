@@ -22,6 +22,7 @@ use crate::model::method::Method;
 /// Why bytes are not a model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum ModelError {
     /// The bytes do not start as a model does: pass a `.kgm` file.
     NotAModel,
@@ -95,7 +96,9 @@ impl core::fmt::Display for ModelError {
 impl core::error::Error for ModelError {}
 
 /// One object of a model.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub struct Object<'a> {
     /// Its name.
     pub name: &'a str,
@@ -112,7 +115,9 @@ pub struct Object<'a> {
 }
 
 /// A small picture of an object, as a pyramid: luma, and chroma of half the size.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub struct Template<'a> {
     /// Width of level 0, px; at most [`TEMPLATE_SIDE`].
     pub width: usize,
@@ -168,7 +173,9 @@ impl<'a> Template<'a> {
 }
 
 /// One rendered view of an object that keypoints were taken from.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub struct View {
     /// The object that it shows.
     pub object: u16,

@@ -119,6 +119,6 @@ impl Preset {
             Self::Paper => usize::MAX,
             _ => 4000,
         };
-        TrainParams { name, method, feature, views, max_keygraphs: usize::MAX, max_per_cell }
+        TrainParams::new(name, method, feature, views).capped(usize::MAX, max_per_cell)
     }
 }

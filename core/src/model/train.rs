@@ -46,7 +46,9 @@ use crate::model::views::{
 pub const MAX_VIEW_KEYPOINTS: usize = 255;
 
 /// How a model is made.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub struct TrainParams<'a> {
     /// Name of the object; cut to [`NAME_BYTES`] bytes.
     pub name: &'a str,
@@ -62,9 +64,25 @@ pub struct TrainParams<'a> {
     pub max_per_cell: usize,
 }
 
+impl<'a> TrainParams<'a> {
+    /// Parameters without caps: all keygraphs are kept that fit the buffer.
+    #[must_use]
+    pub const fn new(name: &'a str, method: Method, feature: FeatureKind, views: &'a [ViewSpec]) -> Self {
+        Self { name, method, feature, views, max_keygraphs: usize::MAX, max_per_cell: usize::MAX }
+    }
+
+    /// These parameters with at most `max_keygraphs` in total, and `max_per_cell` in a subset of
+    /// the partition.
+    #[must_use]
+    pub const fn capped(self, max_keygraphs: usize, max_per_cell: usize) -> Self {
+        Self { max_keygraphs, max_per_cell, ..self }
+    }
+}
+
 /// Why a picture was not trained.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum TrainError {
     /// The picture was refused.
     Picture(FrameError),
@@ -139,7 +157,9 @@ impl From<FrameError> for TrainError {
 }
 
 /// What training did.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub struct Trained {
     /// Bytes of the model, at the start of the buffer.
     pub bytes: usize,

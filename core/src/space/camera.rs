@@ -46,6 +46,8 @@ const TELLING_PX: f32 = 0.5;
 
 /// Why there is no pose.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum CameraError {
     /// A focal length is not above zero, or a number is not finite: give those of a
     /// calibration, in px of the frame.
@@ -72,6 +74,7 @@ impl core::error::Error for CameraError {}
 /// A pinhole camera. All in px of the frame as it was given to the detector, pixel
 /// centres at integers, as in OpenCV.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Intrinsics {
     focal: [f32; 2],
     centre: [f32; 2],
@@ -98,6 +101,8 @@ impl Intrinsics {
 
 /// A rigid motion from object to camera coordinates: `rotation * p + translation`.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub struct Pose {
     /// Rotation matrix, row-major: its columns are the object's axes as the camera
     /// sees them.
@@ -120,6 +125,8 @@ impl Pose {
 
 /// Both poses that a plane may have.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub struct PlanePose {
     /// The one that fits better.
     pub best: Pose,

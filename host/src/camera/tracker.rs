@@ -71,19 +71,11 @@ pub fn states(objects: usize, found: &Found) -> Vec<State> {
 mod tests {
     use super::*;
     use crate::search::Tracking;
-    use keygraph_core::{Appearance, Detection, Homography, Stats};
+    use keygraph_core::{Detection, Homography, Stats};
 
     #[test]
     fn the_instance_that_is_known_best_speaks_for_the_object() {
-        let of = |object: u16| Detection {
-            object,
-            homography: Homography::IDENTITY,
-            corners: [[0.0; 2]; 4],
-            score: 0.9,
-            votes: 0,
-            agreeing: 0,
-            appearance: Appearance::default(),
-        };
+        let of = |object: u16| Detection::new(object, &Homography::IDENTITY, [0.0; 2]);
         let seen = vec![(4, CoreState::Tracked), (7, CoreState::Found), (8, CoreState::Found)];
         let mut found = Found::new(vec![of(2), of(2), of(0)], Stats::default());
         found.tracking = Some(Tracking { seen, lost: Vec::new(), searched: true });
