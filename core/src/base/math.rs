@@ -15,13 +15,6 @@ use micromath::F32Ext;
 /// room; the results are the same.
 pub(crate) const VECTORS: bool = cfg!(any(target_feature = "sse2", target_feature = "neon"));
 
-/// Bytes that are counted with together, as parts of one number: as many as the target has in
-/// a register, or as make good vectors.
-#[cfg(any(target_feature = "sse2", target_feature = "neon"))]
-pub(crate) type Word = u64;
-#[cfg(not(any(target_feature = "sse2", target_feature = "neon")))]
-pub(crate) type Word = u32;
-
 /// The greater of two numbers, which are numbers.
 pub(crate) fn max(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }

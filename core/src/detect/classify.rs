@@ -39,12 +39,23 @@ pub type Nearest = [Option<Match>; NEIGHBOURS];
 /// Finds the best matches, in a tier, of a keygraph with this feature.
 #[must_use]
 pub fn classify(model: &Model<'_>, tier: Tier, k: &Keygraph, feature: &Feature, rule: &MatchRule) -> Nearest {
+    classify_by::<KEYS, WORDS, WAITING>(model, tier, k, feature, rule)
+}
+
+/// [`classify`] with `K` keys in `W` words compared together, and `N` features.
+fn classify_by<const K: usize, const W: usize, const N: usize>(
+    model: &Model<'_>,
+    tier: Tier,
+    k: &Keygraph,
+    feature: &Feature,
+    rule: &MatchRule,
+) -> Nearest {
     let Keygraph { key, size, shortest, .. } = *k;
     let bytes = model.feature_bytes();
     let feature = &feature[..bytes];
     let [a, b, c, _] = signature(feature).to_le_bytes();
     let sketches: &[_] = if tier.list().is_some() { model.sketches() } else { &[] };
-    let mut search = Search {
+    let mut lookup: Lookup<'_, K, W, N> = Lookup {
         keys: model.keys(),
         features: model.features(),
         feature,
@@ -62,10 +73,10 @@ pub fn classify(model: &Model<'_>, tier: Tier, k: &Keygraph, feature: &Feature, 
         waiting: Vec::new(),
     };
     if rule.one_cell {
-        search.run(model.cell(tier, key.cell()), [0, BIN - 1], [0, BIN - 1]);
-        search.compare();
-        search.best[1..].fill(None);
-        return search.best;
+        lookup.run(model.cell(tier, key.cell()), [0, BIN - 1], [0, BIN - 1]);
+        lookup.compare();
+        lookup.best[1..].fill(None);
+        return lookup.best;
     }
     let noise = rule.tolerance_px / u16::from(shortest.max(1));
     let tolerance = rule.tolerance.saturating_add(u8::try_from(noise).unwrap_or(u8::MAX));
@@ -76,11 +87,11 @@ pub fn classify(model: &Model<'_>, tier: Tier, k: &Keygraph, feature: &Feature, 
     let inside = |[from, to]: [u8; 2], bin: u8| [from.saturating_sub(bin * BIN), (to - bin * BIN).min(BIN - 1)];
     for s in bins(second, SECOND_BINS) {
         for l in bins(largest, LARGEST_BINS) {
-            search.run(model.cell(tier, cell_of(key.mirrored, s, l)), inside(second, s), inside(largest, l));
+            lookup.run(model.cell(tier, cell_of(key.mirrored, s, l)), inside(second, s), inside(largest, l));
         }
     }
-    search.compare();
-    search.best
+    lookup.compare();
+    lookup.best
 }
 
 /// Keys that are looked at together, four in a word; those with vector units do four words at
@@ -158,7 +169,7 @@ fn alike(pattern: &Pattern, keys: [&[u8; BLOCK]; 4], out: &mut [u8; BLOCK / 4]) 
     }
 }
 
-struct Search<'a> {
+struct Lookup<'a, const K: usize, const W: usize, const N: usize> {
     keys: Keys<'a>,
     features: &'a [u8],
     feature: &'a [u8],
@@ -175,10 +186,10 @@ struct Search<'a> {
     limit: u32,
     best: Nearest,
     /// Keygraphs whose features are to be compared.
-    waiting: Vec<u32, WAITING>,
+    waiting: Vec<u32, N>,
 }
 
-impl Search<'_> {
+impl<const K: usize, const W: usize, const N: usize> Lookup<'_, K, W, N> {
     /// Looks at a subset's keygraphs whose angles, from its start, lie in these ranges.
     fn run(&mut self, cell: core::ops::Range<usize>, second: [u8; 2], largest: [u8; 2]) {
         let core::ops::Range { mut start, mut end } = cell;
@@ -197,7 +208,7 @@ impl Search<'_> {
         };
         let Keys { angles, signatures: [a, b, c], .. } = self.keys;
         let planes = [angles, a, b, c];
-        if VECTORS {
+        if K > 4 {
             let [angles, a, b, c] = planes.map(|p| p[start..].as_chunks().0.iter());
             for (((angles, a), b), c) in angles.zip(a).zip(b).zip(c).take((end - start) / BLOCK) {
                 let mut nibbles = [0; BLOCK / 4];
@@ -217,13 +228,13 @@ impl Search<'_> {
         let planes = planes.map(|p| p[start..].as_chunks());
         let [angles, a, b, c] = planes.map(|(groups, _)| groups.iter());
         let mut at = start;
-        for (((angles, a), b), c) in angles.zip(a).zip(b).zip(c).take((end - start).div_ceil(KEYS)) {
+        for (((angles, a), b), c) in angles.zip(a).zip(b).zip(c).take((end - start).div_ceil(K)) {
             self.look(at, end, &pattern, [angles, a, b, c]);
-            at += KEYS;
+            at += K;
         }
         // Where the planes end.
         if at < end {
-            let mut last = [[0; KEYS]; 4];
+            let mut last = [[0; K]; 4];
             for (last, (_, rest)) in last.iter_mut().zip(planes) {
                 last[..rest.len()].copy_from_slice(rest);
             }
@@ -234,8 +245,8 @@ impl Search<'_> {
     /// Looks at the keys from `at` on, those before `end`: their angles and the parts of their
     /// signatures. Those that are alike, and of a size, wait.
     #[inline(always)]
-    fn look(&mut self, at: usize, end: usize, pattern: &Pattern, keys: [&[u8; KEYS]; 4]) {
-        let words: [u32; WORDS] = core::array::from_fn(|i| pattern.alike(keys.map(|k| word(k, i))));
+    fn look(&mut self, at: usize, end: usize, pattern: &Pattern, keys: [&[u8; K]; 4]) {
+        let words: [u32; W] = core::array::from_fn(|i| pattern.alike(keys.map(|k| word(k, i))));
         if words.iter().fold(0, |all, word| all | word) == 0 {
             return;
         }
@@ -282,7 +293,7 @@ impl Search<'_> {
         let feature = |keygraph: u32| &features[n * keygraph as usize..][..n];
         let (head, rest) = self.feature.split_at(n.min(HEAD));
         // The heads of all at once: they lie all over the memory, and none waits for another.
-        let mut heads = [0; WAITING];
+        let mut heads = [0; N];
         for (sum, &keygraph) in heads.iter_mut().zip(&self.waiting) {
             *sum = differences(&feature(keygraph)[..head.len()], head);
         }
@@ -329,6 +340,16 @@ pub fn distance(a: &[u8], b: &[u8], limit: u32) -> Option<u32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::geometry::Point;
+    use crate::extract::feature::{FeatureKind, Sampling, ZERO, extract};
+    use crate::extract::keygraph::Scalene;
+    use crate::image::frame::{Frame, PixelFormat};
+    use crate::image::pyramid::Pyramid;
+    use crate::model::method::{Method, Parameters};
+    use crate::model::preset::Preset;
+    use crate::model::train::QqvgaTrainer;
+    use std::boxed::Box;
+    use std::vec;
 
     #[test]
     fn distance_gives_up_at_the_limit() {
@@ -336,5 +357,93 @@ mod tests {
         assert_eq!(distance(&a, &b, 109), Some(108));
         assert_eq!(distance(&a, &b, 108), None);
         assert_eq!(distance(&a[..12], &b[..12], 1000), Some(36));
+    }
+
+    const WIDTH: usize = 160;
+    const HEIGHT: usize = 120;
+
+    /// Blocks of random gray levels, with some noise.
+    fn picture(noise: u32) -> std::vec::Vec<u8> {
+        let random = |i: usize| (i as u32 + 7).wrapping_mul(2_654_435_761) >> 24;
+        let pixel = |i: usize| {
+            let (x, y) = (i % WIDTH, i / WIDTH);
+            let block = random(x / 10 + 16 * (y / 10));
+            (block + random(i) * noise / 256).min(255) as u8
+        };
+        (0..WIDTH * HEIGHT).map(pixel).collect()
+    }
+
+    /// The nearest neighbours from the definition: every keygraph of the tier is looked at.
+    fn naive(model: &Model<'_>, tier: Tier, k: &Keygraph, feature: &[u8], rules: &Parameters) -> Nearest {
+        let rule = &rules.matching;
+        let noise = rule.tolerance_px / u16::from(k.shortest.max(1));
+        let tolerance = u16::from(rule.tolerance) + noise;
+        let bytes = model.feature_bytes();
+        let any = Scalene { min_angle_deg: 0.0, min_difference_deg: 0.0, min_side_px: 0.0 };
+        let limit = bytes as u32 * u32::from(rule.max_distance) / 16;
+        let mut found = vec![];
+        for i in model.tier(tier) {
+            let (_, points) = model.keygraph(i);
+            let other = Keygraph::new(points, [0, 1, 2], &any).unwrap();
+            let near = |a: u8, b: u8| u16::from(a.abs_diff(b)) <= tolerance;
+            let its = &model.features()[bytes * i..][..bytes];
+            let distance = differences(feature, its);
+            let alike = other.key.mirrored == k.key.mirrored
+                && near(other.key.second, k.key.second)
+                && near(other.key.largest, k.key.largest)
+                && other.size.abs_diff(k.size) <= rule.size_window
+                && (signature(its) ^ signature(feature)).count_ones() <= u32::from(rule.max_bits);
+            if alike && distance <= limit {
+                found.push(Match { keygraph: i as u32, distance: distance as u16 });
+            }
+        }
+        found.sort_by_key(|m| (m.distance, m.keygraph));
+        [0, 1].map(|i| found.get(i).copied())
+    }
+
+    #[test]
+    #[cfg_attr(miri, ignore = "training would take minutes")]
+    fn few_keys_and_many_at_a_time_find_the_neighbours_of_the_definition() {
+        let data = picture(0);
+        let frame = Frame::new(PixelFormat::Gray8, WIDTH, HEIGHT, &data).unwrap();
+        let mut bytes = vec![0; 1 << 20];
+        let params = Preset::Compact.params("blocks", true);
+        let mut trainer = Box::<QqvgaTrainer>::default();
+        let trained = trainer.train(&frame, (160, 120), &params, &mut bytes).unwrap();
+        let model = Model::parse(&bytes[..trained.bytes]).unwrap();
+        let largest = model.occupancy().1;
+        assert!(model.has_second_tiers() && largest > 2 * BLOCK, "too small a model: {largest} in a subset");
+
+        let mut pyramid = Box::new(Pyramid::<30_000, 8_000>::new());
+        let seen = picture(40);
+        let mut planes = pyramid.planes_mut();
+        planes.load(&Frame::new(PixelFormat::Gray8, WIDTH, HEIGHT, &seen).unwrap()).unwrap();
+        planes.reduce();
+        let view = pyramid.view();
+        let rules = Method::Keygraph.parameters();
+        let (mut asked, mut matched) = (0, 0);
+        // The model's own keygraphs of the largest view, moved a little.
+        for i in model.tier(Tier::Second(0)).step_by(9) {
+            let (v, points) = model.keygraph(i);
+            if v != 0 {
+                continue;
+            }
+            let shift = |p: Point, d: i16| Point::new(p.x + d % 9, p.y + d % 7);
+            let d = (i % 40) as i16;
+            let points = [shift(points[0], d), shift(points[1], d + 3), shift(points[2], d + 5)];
+            let Some(k) = Keygraph::new(points, [0, 1, 2], &rules.scalene) else { continue };
+            let points = k.vertices.map(|v| points[usize::from(v)]);
+            let feature = extract(&view, 0, points, k.size, FeatureKind::Luma, Sampling::Patch);
+            assert_eq!(feature[model.feature_bytes()..], [ZERO; 12]);
+            for tier in [Tier::First(0), Tier::Second(0)] {
+                let want = naive(&model, tier, &k, &feature[..model.feature_bytes()], rules);
+                let rule = &rules.matching;
+                assert_eq!(classify_by::<4, 1, 16>(&model, tier, &k, &feature, rule), want, "{k:?}");
+                assert_eq!(classify_by::<16, 4, 64>(&model, tier, &k, &feature, rule), want, "{k:?}");
+                matched += want.iter().flatten().count();
+                asked += 1;
+            }
+        }
+        assert!(asked > 500 && matched > asked / 4, "{matched} matches of {asked} keygraphs");
     }
 }

@@ -155,9 +155,6 @@ pub(crate) const LANES: usize = 8;
 /// may be 0. Returns the greatest.
 #[cfg_attr(feature = "dispatch", multiversion::multiversion(targets("x86_64+avx2")))]
 fn strengths(sums: [&[f32]; 3], cut: f32, out: &mut [f32]) -> f32 {
-    if !VECTORS {
-        return strengths_one_by_one(sums.map(|s| s.as_chunks().0), cut, out);
-    }
     let w = out.len();
     let [[a0, b0, c0], [a1, b1, c1], [a2, b2, c2]] = sums.map(|s| [0, 1, 2].map(|i| &s[i * w..][..w]));
     for x in 0..w {
@@ -208,11 +205,136 @@ pub fn detect_corners(
     scratch: &mut [f32],
     out: &mut VecView<Corner>,
 ) -> StageStats {
+    if VECTORS {
+        detect_by::<SideBySide>(luma, params, scratch, out)
+    } else {
+        detect_by::<OneByOne>(luma, params, scratch, out)
+    }
+}
+
+/// A way to compute the rows of an image. Both ways give the same corners.
+trait Pass {
+    /// Sums over each pixel of the middle row and its neighbours of the products of derivatives:
+    /// three rows in `out`, in an order of the pass's own. `raw` is scratch.
+    fn sum(around: [&[u8]; 3], raw: &mut [&mut [f32]; 3], out: &mut [f32]);
+
+    /// Strengths of a row from the sums in the rows around it; a strength below `cut` may be 0.
+    /// Returns the maximum.
+    fn strengths(sums: [&[f32]; 3], cut: f32, out: &mut [f32]) -> f32;
+
+    /// Calls `found` with each pixel of the middle row, but for `margin` at both ends, whose
+    /// strength no neighbour exceeds; of equals the first in reading order.
+    fn each_peak(around: [&[f32]; 3], margin: usize, found: impl FnMut(usize));
+}
+
+/// The pass of targets with vectors: loops over pixels side by side.
+struct SideBySide;
+
+impl Pass for SideBySide {
+    fn sum(around: [&[u8]; 3], raw: &mut [&mut [f32]; 3], out: &mut [f32]) {
+        products(around, raw);
+        for (p, s) in raw.iter().zip(out.chunks_exact_mut(raw[0].len())) {
+            sum3(p, s);
+        }
+    }
+
+    fn strengths(sums: [&[f32]; 3], cut: f32, out: &mut [f32]) -> f32 {
+        strengths(sums, cut, out)
+    }
+
+    fn each_peak(around: [&[f32]; 3], margin: usize, mut found: impl FnMut(usize)) {
+        let w = around[1].len();
+        for first in (margin..w - margin).step_by(STRIP) {
+            let mut peaks = [0; STRIP];
+            let end = (first + STRIP).min(w - margin);
+            find_peaks(around.map(|row| &row[first - 1..=end]), &mut peaks);
+            for (words, word) in peaks.as_chunks().0.iter().enumerate() {
+                let mut word = u64::from_le_bytes(*word);
+                while word != 0 {
+                    found(first + LANES * words + word.trailing_zeros() as usize / 8);
+                    word &= word - 1;
+                }
+            }
+        }
+    }
+}
+
+/// The pass of targets without vectors: one pixel after the other, and no work for what cannot
+/// be a corner.
+struct OneByOne;
+
+impl Pass for OneByOne {
+    fn sum(around: [&[u8]; 3], _: &mut [&mut [f32]; 3], out: &mut [f32]) {
+        sums_one_by_one(around, out);
+    }
+
+    fn strengths(sums: [&[f32]; 3], cut: f32, out: &mut [f32]) -> f32 {
+        strengths_one_by_one(sums.map(|s| s.as_chunks().0), cut, out)
+    }
+
+    fn each_peak(around: [&[f32]; 3], margin: usize, mut found: impl FnMut(usize)) {
+        let [left, here, right] = beside(around);
+        let (mut x, end) = (margin - 1, around[1].len() - 1 - margin);
+        // Most are 0.
+        while let Some(next) = here[1][x.min(end)..end].iter().position(|v| v.to_bits() != 0) {
+            x += next;
+            let v = here[1][x];
+            // What follows one that is not exceeded by it is no peak.
+            let falls = v >= right[1][x];
+            let across = || v > here[0][x] && v >= here[2][x];
+            let aslant = || v > left[0][x] && v > right[0][x] && v >= left[2][x] && v >= right[2][x];
+            if falls && v > left[1][x] && across() && aslant() {
+                found(x + 1);
+            }
+            x += 1 + usize::from(falls);
+        }
+    }
+}
+
+/// The corners found so far, and the strength that further ones need.
+struct Kept<'a> {
+    out: &'a mut VecView<Corner>,
+    stats: StageStats,
+    cut: f32,
+}
+
+impl Kept<'_> {
+    /// Takes the peak at `x` of the middle row, which is row `y`, if it is strong enough. A full
+    /// buffer makes room first.
+    fn take(&mut self, around: [&[f32]; 3], x: usize, y: usize) {
+        if (whole(around[1][x]) as f32) < self.cut {
+            return;
+        }
+        self.stats.seen += 1;
+        let corner = corner_at(around, x, y);
+        if self.out.push(corner).is_err() {
+            self.cut = max(self.cut, drop_weaker_half(self.out, &mut self.stats) as f32);
+            if (corner.strength as f32) < self.cut || self.out.push(corner).is_err() {
+                self.stats.dropped += 1;
+            }
+        }
+    }
+
+    /// Drops the corners that turned out too weak.
+    fn finish(mut self) -> StageStats {
+        self.out.retain(|c| c.strength as f32 >= self.cut);
+        self.stats.kept = count(self.out.len());
+        self.stats
+    }
+}
+
+/// Row by row: sums, strengths, and one row behind them the peaks.
+fn detect_by<P: Pass>(
+    luma: Plane<'_, u8>,
+    params: &CornerParams,
+    scratch: &mut [f32],
+    out: &mut VecView<Corner>,
+) -> StageStats {
     let (w, h) = (luma.width(), luma.height());
-    let mut stats = StageStats::default();
-    let mut strongest = 0.0;
-    let mut cut = params.floor.max(1) as f32;
     out.clear();
+    let mut kept = Kept { out, stats: StageStats::default(), cut: params.floor.max(1) as f32 };
+    let mut strongest = 0.0;
+    let margin = params.margin_px.max(1);
 
     let mut rows = scratch[..SCRATCH_ROWS * w].chunks_exact_mut(3 * w);
     let mut take = || rows.next().unwrap_or_default();
@@ -225,71 +347,19 @@ pub fn detect_corners(
     for y in 0..h {
         while next <= (y + 1).min(h - 1) {
             let around = [-1, 0, 1].map(|d| luma.row(mirror(next.cast_signed() + d, h)));
-            if VECTORS {
-                products(around, &mut raw);
-                for (p, s) in raw.iter().zip(sums[next % 3].chunks_exact_mut(w)) {
-                    sum3(p, s);
-                }
-            } else {
-                sums_one_by_one(around, sums[next % 3]);
-            }
+            P::sum(around, &mut raw, sums[next % 3]);
             next += 1;
         }
         let sums = [-1, 0, 1].map(|d| &*sums[mirror(y.cast_signed() + d, h) % 3]);
-        strongest = max(strongest, strengths(sums, cut, ring[y % 3]));
-        cut = max(cut, strongest * (params.quality_q16 as f32 / 65536.0));
-        let margin = params.margin_px.max(1);
+        strongest = max(strongest, P::strengths(sums, kept.cut, ring[y % 3]));
+        kept.cut = max(kept.cut, strongest * (params.quality_q16 as f32 / 65536.0));
         if y < margin + 1 || y > h - margin {
             continue;
         }
         let around = [y - 2, y - 1, y].map(|r| &*ring[r % 3]);
-        let mut take = |x: usize| {
-            if (whole(around[1][x]) as f32) < cut {
-                return;
-            }
-            stats.seen += 1;
-            let corner = corner_at(around, x, y - 1);
-            if out.push(corner).is_err() {
-                cut = max(cut, drop_weaker_half(out, &mut stats) as f32);
-                if (corner.strength as f32) < cut || out.push(corner).is_err() {
-                    stats.dropped += 1;
-                }
-            }
-        };
-        if VECTORS {
-            for first in (margin..w - margin).step_by(STRIP) {
-                let mut peaks = [0; STRIP];
-                let end = (first + STRIP).min(w - margin);
-                find_peaks(around.map(|row| &row[first - 1..=end]), &mut peaks);
-                for (words, word) in peaks.as_chunks().0.iter().enumerate() {
-                    let mut word = u64::from_le_bytes(*word);
-                    while word != 0 {
-                        take(first + LANES * words + word.trailing_zeros() as usize / 8);
-                        word &= word - 1;
-                    }
-                }
-            }
-        } else {
-            let [left, here, right] = beside(around);
-            let (mut x, end) = (margin - 1, w - 1 - margin);
-            // Most are 0.
-            while let Some(next) = here[1][x.min(end)..end].iter().position(|v| v.to_bits() != 0) {
-                x += next;
-                let v = here[1][x];
-                // What follows one that is not exceeded by it is no peak.
-                let falls = v >= right[1][x];
-                let across = || v > here[0][x] && v >= here[2][x];
-                let aslant = || v > left[0][x] && v > right[0][x] && v >= left[2][x] && v >= right[2][x];
-                if falls && v > left[1][x] && across() && aslant() {
-                    take(x + 1);
-                }
-                x += 1 + usize::from(falls);
-            }
-        }
+        P::each_peak(around, margin, |x| kept.take(around, x, y - 1));
     }
-    out.retain(|c| c.strength as f32 >= cut);
-    stats.kept = count(out.len());
-    stats
+    kept.finish()
 }
 
 /// Pixels of a row that are looked at for peaks together.
@@ -460,5 +530,123 @@ wanted:
         assert_eq!((s.dropped, s.kept, s.seen), (0, s.seen, s.seen));
         assert!(t.dropped > 0 && t.kept <= 8 && t.kept + t.dropped <= t.seen);
         assert_eq!(few[..], all[..few.len()], "the strongest are kept");
+    }
+
+    /// A texture with edges, flat parts and equal neighbours.
+    fn texture(w: usize, h: usize, seed: u32) -> std::vec::Vec<u8> {
+        let noise = |x: usize, y: usize| ((x * 31 + y * 57) as u32 + seed).wrapping_mul(2_654_435_761) >> 24;
+        let value = |x: usize, y: usize| match (x / 8 + y / 6) % 3 {
+            0 => 90,
+            1 => noise(x / 3, y / 3) as u8,
+            _ => noise(x, y) as u8,
+        };
+        (0..w * h).map(|i| value(i % w, i / w)).collect()
+    }
+
+    /// The strength of every pixel, from the definition, without a threshold.
+    fn naive_strengths(data: &[u8], w: usize, h: usize) -> std::vec::Vec<f64> {
+        let at = |x: isize, y: isize| i64::from(data[mirror(y, h) * w + mirror(x, w)]);
+        let derivatives = |x: isize, y: isize| {
+            let (x, y) = (mirror(x, w).cast_signed(), mirror(y, h).cast_signed());
+            let smooth = |v: [i64; 3]| v[0] + 2 * v[1] + v[2];
+            let dx = smooth([-1, 0, 1].map(|d| at(x + 1, y + d) - at(x - 1, y + d)));
+            let dy = smooth([-1, 0, 1].map(|d| at(x + d, y + 1) - at(x + d, y - 1)));
+            [dx * dx, dx * dy, dy * dy]
+        };
+        let strength = |i: usize| {
+            let (x, y) = ((i % w).cast_signed(), (i / w).cast_signed());
+            let mut sums = [0; 3];
+            for d in 0..9 {
+                let products = derivatives(x + d % 3 - 1, y + d / 3 - 1);
+                sums.iter_mut().zip(products).for_each(|(s, p)| *s += p);
+            }
+            let [a, b, c] = sums.map(|s| s as f64);
+            a + c - ((a - c) * (a - c) + 4.0 * b * b).sqrt()
+        };
+        (0..w * h).map(strength).collect()
+    }
+
+    /// Miri takes a thousand times as long.
+    const SIZES: &[(usize, usize)] =
+        if cfg!(miri) { &[(17, 9)] } else { &[(17, 9), (64, 48), (140, 30), (150, 40), (5, 60), (3, 3)] };
+
+    #[test]
+    fn both_passes_find_the_same_corners() {
+        for &(w, h) in SIZES {
+            for seed in 0..6 {
+                let data = texture(w, h, seed);
+                for (quality_q16, floor, margin_px) in [(33, 6000, 3), (655, 1, 1), (20_000, 1000, 2)] {
+                    let params = CornerParams { quality_q16, floor, margin_px };
+                    if w.min(h) <= 2 * margin_px {
+                        continue;
+                    }
+                    let plane = Plane::new(&data, w, h).unwrap();
+                    let mut scratch = std::vec![0.0; SCRATCH_ROWS * w];
+                    let (mut a, mut b): (Vec<Corner, 60>, Vec<Corner, 60>) = (Vec::new(), Vec::new());
+                    let stats = detect_by::<SideBySide>(plane, &params, &mut scratch, &mut a);
+                    assert_eq!(
+                        detect_by::<OneByOne>(plane, &params, &mut scratch, &mut b),
+                        stats,
+                        "{w}x{h}, {params:?}"
+                    );
+                    assert_eq!(a, b, "{w}x{h}, {params:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn both_passes_compute_the_strengths_of_the_definition() {
+        for &(w, h) in SIZES {
+            let data = texture(w, h, 3);
+            let want = naive_strengths(&data, w, h);
+            check_strengths::<SideBySide>(&data, w, h, &want);
+            check_strengths::<OneByOne>(&data, w, h, &want);
+        }
+    }
+
+    fn check_strengths<P: Pass>(data: &[u8], w: usize, h: usize, want: &[f64]) {
+        let mut raw = [(); 3].map(|()| std::vec![0.0; w]);
+        let mut sums = std::vec![std::vec![0.0; 3 * w]; h];
+        for (y, sums) in sums.iter_mut().enumerate() {
+            let around = [-1, 0, 1].map(|d| &data[mirror(y.cast_signed() + d, h) * w..][..w]);
+            P::sum(around, &mut raw.each_mut().map(|row| &mut row[..]), sums);
+        }
+        for y in 0..h {
+            let mut out = std::vec![0.0; w];
+            let around = [-1, 0, 1].map(|d| &sums[mirror(y.cast_signed() + d, h)][..]);
+            let most = P::strengths(around, 0.0, &mut out);
+            assert_eq!(most, out.iter().fold(0.0, |m, &v| max(m, v)));
+            for (x, v) in out.iter().enumerate() {
+                let want = want[y * w + x];
+                // The square root is good to a millionth of the larger eigenvalue.
+                let larger = 9.0 * 1020.0 * 1020.0 * 2.0;
+                assert!((f64::from(*v) - want).abs() <= 1e-6 * larger, "{w}x{h}, ({x}, {y}): {v} for {want}");
+            }
+        }
+    }
+
+    #[test]
+    fn peaks_are_those_that_no_neighbour_exceeds() {
+        let (w, margin) = (150, 2);
+        let rows = [0, 1, 2].map(|r| -> std::vec::Vec<f32> {
+            let value = |x: usize| f32::from(texture(w, 3, 9)[r * w + x] / 60 * 60);
+            (0..w).map(value).collect()
+        });
+        let around = rows.each_ref().map(|row| &row[..]);
+        let want: std::vec::Vec<usize> = (margin..w - margin)
+            .filter(|&x| {
+                let v = rows[1][x];
+                let before = [rows[0][x - 1], rows[0][x], rows[0][x + 1], rows[1][x - 1]];
+                let after = [rows[1][x + 1], rows[2][x - 1], rows[2][x], rows[2][x + 1]];
+                v > 0.0 && before.iter().all(|&b| v > b) && after.iter().all(|&a| v >= a)
+            })
+            .collect();
+        assert!(!want.is_empty());
+        let (mut side, mut one) = (std::vec::Vec::new(), std::vec::Vec::new());
+        SideBySide::each_peak(around, margin, |x| side.push(x));
+        OneByOne::each_peak(around, margin, |x| one.push(x));
+        assert_eq!(side, want);
+        assert_eq!(one, want);
     }
 }

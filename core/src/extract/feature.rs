@@ -209,13 +209,10 @@ impl Patch {
 
     /// Brightness at the points; of one outside the plane no number, or that of its edge.
     fn luma(&self, view: &PyramidView<'_>, clamped: bool) -> [f32; LUMA_POINTS.len()] {
-        let plane = view.luma(self.level);
         if !VECTORS && !clamped {
-            return LUMA_POINTS.map(|point| {
-                let [x, y] = self.at(point);
-                plane.sample_one(x, y).unwrap_or(f32::NAN)
-            });
+            return self.luma_one_by_one(view);
         }
+        let plane = view.luma(self.level);
         let (mut xs, mut ys) = ([0.0; LUMA_POINTS.len()], [0.0; LUMA_POINTS.len()]);
         for ((x, y), &point) in xs.iter_mut().zip(&mut ys).zip(&LUMA_POINTS) {
             [*x, *y] = self.at(point);
@@ -226,6 +223,15 @@ impl Patch {
             plane.sample(&mut xs, &mut ys);
         }
         xs
+    }
+
+    /// Brightness at the points, one after the other; of a point outside the plane no number.
+    fn luma_one_by_one(&self, view: &PyramidView<'_>) -> [f32; LUMA_POINTS.len()] {
+        let plane = view.luma(self.level);
+        LUMA_POINTS.map(|point| {
+            let [x, y] = self.at(point);
+            plane.sample_one(x, y).unwrap_or(f32::NAN)
+        })
     }
 
     fn chroma(&self, view: &PyramidView<'_>) -> [Option<[f32; 2]>; CHROMA_POINTS.len()] {
@@ -482,6 +488,20 @@ mod tests {
         let far = [Point::new(0, 0), Point::new(i16::MAX, 0), Point::new(5, i16::MAX)];
         for sampling in [Sampling::Patch, Sampling::Segments] {
             let _ = feature(&p, far, sampling);
+        }
+    }
+
+    #[test]
+    fn brightness_one_by_one_is_that_of_all_points_together() {
+        let p = picture(0.9);
+        for d in 0..40i16 {
+            // Some of the points of some of these lie outside.
+            let t = TRIANGLE.map(|p| Point::new((p.x + 29 * d) % 1000, (p.y + 17 * d) % 1000));
+            for level in 0..2 {
+                let patch = Patch::new(level, t);
+                let bits = |v: [f32; LUMA_POINTS.len()]| v.map(f32::to_bits);
+                assert_eq!(bits(patch.luma_one_by_one(&p.view())), bits(patch.luma(&p.view(), false)), "{t:?}");
+            }
         }
     }
 }

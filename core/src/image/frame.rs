@@ -362,29 +362,37 @@ fn rgb_of_yuv([luma, u, v]: [i32; 3]) -> [i32; 3] {
 /// Blocks whose chroma is computed together.
 const STRIP: usize = 64;
 
-/// Fills them: `row(y)(x)` gives the sums of red, green and blue over the pixels
-/// of the `x`th block of row `y`.
+/// Fills the chroma planes: `row(y)(x)` gives the sums of red, green and blue over the pixels of
+/// block `x` of row `y`.
 #[inline(always)]
-#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "sums of four bytes")]
 fn fill_chroma<F: Fn(usize) -> [i32; 3]>(w: usize, h: usize, a: &mut [i8], b: &mut [i8], row: impl Fn(usize) -> F) {
     let width = w / 2;
-    let mut strip = [[0; if VECTORS { STRIP } else { 0 }]; 3];
     for (y, (a, b)) in (0..h / 2).zip(a.chunks_exact_mut(width).zip(b.chunks_exact_mut(width))) {
         let sums = row(y);
-        if !VECTORS {
-            for (x, (a, b)) in a.iter_mut().zip(b).enumerate() {
-                let [red, green, blue] = sums(x);
-                [*a, *b] = chroma_of([red, green, blue], red.max(green).max(blue));
-            }
-            continue;
+        if VECTORS { fill_by_strips(a, b, sums) } else { fill_one_by_one(a, b, sums) }
+    }
+}
+
+/// Fills a row of chroma, one block after the other.
+#[inline(always)]
+fn fill_one_by_one(a: &mut [i8], b: &mut [i8], sums: impl Fn(usize) -> [i32; 3]) {
+    for (x, (a, b)) in a.iter_mut().zip(b).enumerate() {
+        let [red, green, blue] = sums(x);
+        [*a, *b] = chroma_of([red, green, blue], red.max(green).max(blue));
+    }
+}
+
+/// Fills a row of chroma, the blocks of a strip together.
+#[inline(always)]
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "sums of four bytes")]
+fn fill_by_strips(a: &mut [i8], b: &mut [i8], sums: impl Fn(usize) -> [i32; 3]) {
+    let mut strip = [[0; STRIP]; 3];
+    for (i, (a, b)) in a.chunks_mut(STRIP).zip(b.chunks_mut(STRIP)).enumerate() {
+        let [red, green, blue] = &mut strip;
+        for x in 0..a.len().min(STRIP) {
+            [red[x], green[x], blue[x]] = sums(i * STRIP + x).map(|v| v as i16);
         }
-        for (i, (a, b)) in a.chunks_mut(STRIP).zip(b.chunks_mut(STRIP)).enumerate() {
-            let [red, green, blue] = &mut strip;
-            for x in 0..a.len().min(STRIP) {
-                [red[x], green[x], blue[x]] = sums(i * STRIP + x).map(|v| v as i16);
-            }
-            chroma(&strip, a, b);
-        }
+        chroma(&strip, a, b);
     }
 }
 
@@ -527,5 +535,31 @@ mod tests {
         assert_eq!(e(PixelFormat::Gray8, 15, 16, 240), E::TooSmall { width: 15, height: 16 });
         assert!(Frame::new(PixelFormat::Rgb8, 17, 19, &[0; 969]).is_ok());
         assert!(Frame::new(PixelFormat::Yuyv, 16, 17, &[0; 544]).is_ok());
+    }
+
+    #[test]
+    fn chroma_by_strips_and_one_by_one_are_those_of_the_definition() {
+        let random = |i: usize| (i as u32 + 3).wrapping_mul(2_654_435_761) >> 22;
+        // Sums of four bytes; every third block is dark.
+        let sums =
+            |x: usize| [0, 1, 2].map(|c| (random(3 * x + c) as i32).min(1020) >> (4 * i32::from(x.is_multiple_of(3))));
+        for n in [1, 2, STRIP - 1, STRIP, STRIP + 1, 3 * STRIP + 5] {
+            let [mut a, mut b, mut c, mut d] = [(); 4].map(|()| std::vec![0; n]);
+            fill_one_by_one(&mut a, &mut b, sums);
+            fill_by_strips(&mut c, &mut d, sums);
+            assert_eq!((&a, &b), (&c, &d), "{n} blocks");
+            for x in 0..n {
+                let most = sums(x).into_iter().max().unwrap();
+                let [red, green, blue] = sums(x).map(f64::from);
+                if most < 4 * DARK {
+                    assert_eq!([a[x], b[x]], [NO_CHROMA; 2]);
+                } else {
+                    let scale = 127.0 / f64::from(most);
+                    let want = [(red - (green + blue) / 2.0) * scale, 0.75f64.sqrt() * (green - blue) * scale];
+                    let near = [a[x], b[x]].iter().zip(want).all(|(&v, want)| (f64::from(v) - want).abs() < 0.51);
+                    assert!(near, "{:?} for {want:?}", [a[x], b[x]]);
+                }
+            }
+        }
     }
 }

@@ -11,7 +11,7 @@
 
 use crate::base::capacity::{LEVELS, pixels_of};
 use crate::base::geometry::{Homography, Point};
-use crate::base::math::{self, VECTORS, Word};
+use crate::base::math::{self, VECTORS};
 use crate::image::frame::{Frame, FrameError, MAX_SIDE, NO_CHROMA, Part};
 
 /// A borrowed plane of pixels without padding.
@@ -74,14 +74,18 @@ impl Plane<'_, u8> {
     /// Samples the plane at the places `(x, y)`, px, to the nearest 1/256: the value between
     /// four pixels takes the place of `x`, no number where there are not four; `y` is spent.
     pub(crate) fn sample(&self, x: &mut [f32], y: &mut [f32]) {
-        if VECTORS {
-            for (x, y) in x.chunks_mut(STRIP).zip(y.chunks_mut(STRIP)) {
-                sample_strip(self, x, y);
-            }
-        } else {
-            for (x, y) in x.iter_mut().zip(y) {
-                *x = self.sample_one(*x, *y).unwrap_or(f32::NAN);
-            }
+        if VECTORS { self.sample_by_strips(x, y) } else { self.sample_one_by_one(x, y) }
+    }
+
+    fn sample_by_strips(&self, x: &mut [f32], y: &mut [f32]) {
+        for (x, y) in x.chunks_mut(STRIP).zip(y.chunks_mut(STRIP)) {
+            sample_strip(self, x, y);
+        }
+    }
+
+    fn sample_one_by_one(&self, x: &mut [f32], y: &mut [f32]) {
+        for (x, y) in x.iter_mut().zip(y) {
+            *x = self.sample_one(*x, *y).unwrap_or(f32::NAN);
         }
     }
 
@@ -299,34 +303,6 @@ impl<'a> PyramidMut<'a> {
     }
 }
 
-/// Bytes that are halved together.
-const WORD: usize = size_of::<Word>();
-
-/// The lower byte of each sum of 16 bits, and one in each.
-const EVEN: Word = Word::MAX / 0xffff * 0xff;
-const ONES: Word = Word::MAX / 0xffff;
-
-/// First come the means of the squares that lie in a word and in that below it, halves rounded up.
-#[inline(always)]
-const fn means(top: Word, low: Word) -> [u8; WORD] {
-    let sums = (top & EVEN) + (top >> 8 & EVEN) + (low & EVEN) + (low >> 8 & EVEN) + 2 * ONES;
-    let means = sums >> 2 & EVEN;
-    let pairs = (means | means >> 8) & (Word::MAX / 0xffff_ffff * 0xffff);
-    (pairs | pairs >> 16).to_le_bytes()
-}
-
-/// Half a row of luma: means of two rows' squares.
-pub(crate) fn halve_luma(top: &[u8], low: &[u8], out: &mut [u8]) {
-    let (words, rest) = out.as_chunks_mut::<{ WORD / 2 }>();
-    let ((top, top_rest), (low, low_rest)) = (top.as_chunks(), low.as_chunks());
-    for ((out, top), low) in words.iter_mut().zip(top).zip(low) {
-        let means = means(Word::from_le_bytes(*top), Word::from_le_bytes(*low));
-        *out = core::array::from_fn(|i| means[i]);
-    }
-    let word = |row: &[u8]| Word::from_le_bytes(core::array::from_fn(|i| row.get(i).copied().unwrap_or_default()));
-    rest.copy_from_slice(&means(word(top_rest), word(low_rest))[..rest.len()]);
-}
-
 /// A number that chroma is kept as.
 pub(crate) trait Byte: Copy {
     /// Its bits.
@@ -355,40 +331,95 @@ impl Byte for i8 {
     }
 }
 
-/// Half a row of chroma: means of two rows' squares, each of the pixels that have chroma, of
-/// which there must be two.
-pub(crate) fn halve_chroma<T: Byte>(top: &[T], low: &[T], out: &mut [T]) {
-    // What this turns over is the number plus 128, and no chroma is 0.
-    const SIGN: Word = Word::MAX / 0xff * 0x80;
-    const { assert!(NO_CHROMA.cast_unsigned() == 0x80, "no chroma is the byte that is 0 here") };
-    let word = |row: &[T; WORD]| Word::from_le_bytes(core::array::from_fn(|i| row[i].bits())) ^ SIGN;
-    // The highest bit of the first byte that is 0 is set, and perhaps those of others above it.
-    let zeros = |word: Word| word.wrapping_sub(SIGN >> 7) & !word;
-    let (words, rest) = out.as_chunks_mut::<{ WORD / 2 }>();
-    let ((top, top_rest), (low, low_rest)) = (top.as_chunks(), low.as_chunks());
-    let mut lacking = 0;
-    for ((out, top), low) in words.iter_mut().zip(top).zip(low) {
-        let (top, low) = (word(top), word(low));
-        lacking |= zeros(top) | zeros(low);
-        let means = means(top, low);
-        *out = core::array::from_fn(|i| T::from_bits(means[i] ^ 0x80));
-    }
-    let square = |top: &[T], low: &[T]| {
-        T::from_bits(chroma_mean([top[0], top[1], low[0], low[1]].map(T::bits).map(u8::cast_signed)).cast_unsigned())
-    };
-    if lacking & SIGN != 0 {
-        for ((out, top), low) in words.iter_mut().zip(top).zip(low) {
-            let words = [word(top), word(low)];
-            // Where nothing has chroma the mean of all has none either.
-            if (zeros(words[0]) | zeros(words[1])) & SIGN != 0 && words != [0; 2] {
-                *out = core::array::from_fn(|i| square(&top[2 * i..], &low[2 * i..]));
+/// Halves rows by words of a kind: as many bytes at a time as the word has.
+macro_rules! halve_by {
+    ($name:ident, $word:ty) => {
+        mod $name {
+            use super::{Byte, NO_CHROMA, chroma_mean};
+
+            type Word = $word;
+
+            /// Bytes that are halved together.
+            const WORD: usize = size_of::<Word>();
+
+            /// The lower byte of each sum of 16 bits, and one in each.
+            const EVEN: Word = Word::MAX / 0xffff * 0xff;
+            const ONES: Word = Word::MAX / 0xffff;
+
+            /// First come the means of the squares that lie in a word and in that below it, halves rounded up.
+            #[inline(always)]
+            const fn means(top: Word, low: Word) -> [u8; WORD] {
+                let sums = (top & EVEN) + (top >> 8 & EVEN) + (low & EVEN) + (low >> 8 & EVEN) + 2 * ONES;
+                let means = sums >> 2 & EVEN;
+                let pairs = (means | means >> 8) & (Word::MAX / 0xffff_ffff * 0xffff);
+                (pairs | pairs >> 16).to_le_bytes()
+            }
+
+            /// Half a row of luma: means of two rows' squares.
+            pub(crate) fn halve_luma(top: &[u8], low: &[u8], out: &mut [u8]) {
+                let (words, rest) = out.as_chunks_mut::<{ WORD / 2 }>();
+                let ((top, top_rest), (low, low_rest)) = (top.as_chunks(), low.as_chunks());
+                for ((out, top), low) in words.iter_mut().zip(top).zip(low) {
+                    let means = means(Word::from_le_bytes(*top), Word::from_le_bytes(*low));
+                    *out = core::array::from_fn(|i| means[i]);
+                }
+                let word =
+                    |row: &[u8]| Word::from_le_bytes(core::array::from_fn(|i| row.get(i).copied().unwrap_or_default()));
+                rest.copy_from_slice(&means(word(top_rest), word(low_rest))[..rest.len()]);
+            }
+
+            /// Half a row of chroma: means of two rows' squares, each of the pixels that have chroma, of
+            /// which there must be two.
+            pub(crate) fn halve_chroma<T: Byte>(top: &[T], low: &[T], out: &mut [T]) {
+                // What this turns over is the number plus 128, and no chroma is 0.
+                const SIGN: Word = Word::MAX / 0xff * 0x80;
+                const { assert!(NO_CHROMA.cast_unsigned() == 0x80, "no chroma is the byte that is 0 here") };
+                let word = |row: &[T; WORD]| Word::from_le_bytes(core::array::from_fn(|i| row[i].bits())) ^ SIGN;
+                // The highest bit of the first byte that is 0 is set, and perhaps those of others above it.
+                let zeros = |word: Word| word.wrapping_sub(SIGN >> 7) & !word;
+                let (words, rest) = out.as_chunks_mut::<{ WORD / 2 }>();
+                let ((top, top_rest), (low, low_rest)) = (top.as_chunks(), low.as_chunks());
+                let mut lacking = 0;
+                for ((out, top), low) in words.iter_mut().zip(top).zip(low) {
+                    let (top, low) = (word(top), word(low));
+                    lacking |= zeros(top) | zeros(low);
+                    let means = means(top, low);
+                    *out = core::array::from_fn(|i| T::from_bits(means[i] ^ 0x80));
+                }
+                let square = |top: &[T], low: &[T]| {
+                    T::from_bits(
+                        chroma_mean([top[0], top[1], low[0], low[1]].map(T::bits).map(u8::cast_signed)).cast_unsigned(),
+                    )
+                };
+                if lacking & SIGN != 0 {
+                    for ((out, top), low) in words.iter_mut().zip(top).zip(low) {
+                        let words = [word(top), word(low)];
+                        // Where nothing has chroma the mean of all has none either.
+                        if (zeros(words[0]) | zeros(words[1])) & SIGN != 0 && words != [0; 2] {
+                            *out = core::array::from_fn(|i| square(&top[2 * i..], &low[2 * i..]));
+                        }
+                    }
+                }
+                for ((out, top), low) in
+                    rest.iter_mut().zip(top_rest.as_chunks::<2>().0).zip(low_rest.as_chunks::<2>().0)
+                {
+                    *out = square(top, low);
+                }
             }
         }
-    }
-    for ((out, top), low) in rest.iter_mut().zip(top_rest.as_chunks::<2>().0).zip(low_rest.as_chunks::<2>().0) {
-        *out = square(top, low);
-    }
+    };
 }
+
+// Words of eight bytes make good vectors; without vectors a word is what a register holds.
+#[cfg(any(test, target_feature = "sse2", target_feature = "neon"))]
+halve_by!(by_eight, u64);
+#[cfg(any(test, not(any(target_feature = "sse2", target_feature = "neon"))))]
+halve_by!(by_four, u32);
+
+#[cfg(any(target_feature = "sse2", target_feature = "neon"))]
+pub(crate) use by_eight::{halve_chroma, halve_luma};
+#[cfg(not(any(target_feature = "sse2", target_feature = "neon")))]
+pub(crate) use by_four::{halve_chroma, halve_luma};
 
 /// Mean of the pixels that have chroma; at least two must.
 fn chroma_mean(p: [i8; 4]) -> i8 {
@@ -550,8 +581,12 @@ mod tests {
                     row.into_iter().enumerate().map(value).collect::<std::vec::Vec<i8>>()
                 });
                 let (mut halves, mut halves_of_chroma) = (std::vec![0; n], std::vec![0; n]);
-                halve_luma(&luma[0], &luma[1], &mut halves);
-                halve_chroma(&chroma[0], &chroma[1], &mut halves_of_chroma);
+                by_four::halve_luma(&luma[0], &luma[1], &mut halves);
+                by_four::halve_chroma(&chroma[0], &chroma[1], &mut halves_of_chroma);
+                let (mut by_eight, mut chroma_by_eight) = (std::vec![0; n], std::vec![0; n]);
+                by_eight::halve_luma(&luma[0], &luma[1], &mut by_eight);
+                by_eight::halve_chroma(&chroma[0], &chroma[1], &mut chroma_by_eight);
+                assert_eq!((&by_eight, &chroma_by_eight), (&halves, &halves_of_chroma));
                 for i in 0..n {
                     let square = [luma[0][2 * i], luma[0][2 * i + 1], luma[1][2 * i], luma[1][2 * i + 1]];
                     assert_eq!(u16::from(halves[i]), (square.map(u16::from).iter().sum::<u16>() + 2) / 4);
@@ -571,5 +606,36 @@ mod tests {
             p.planes_mut().load(&Frame::new(PixelFormat::Gray8, 17, 17, &data).unwrap()),
             Err(FrameError::TooLarge { pixels: 289, max_pixels: 256, .. })
         ));
+    }
+
+    #[test]
+    fn samples_by_strips_and_one_by_one_are_those_of_the_definition() {
+        let (w, h) = (23, 17);
+        let random = |i: usize| (i as u32 + 3).wrapping_mul(2_654_435_761) >> 8;
+        let data: std::vec::Vec<u8> = (0..w * h).map(|i| (random(i) >> 16) as u8).collect();
+        let plane = Plane::new(&data, w, h).unwrap();
+        for n in [1, STRIP - 1, STRIP, 2 * STRIP + 3] {
+            // Some of them lie outside.
+            let place = |i: usize, side: usize| (random(i) % 4000) as f32 / 4000.0 * (side as f32 + 4.0) - 2.0;
+            let xs: std::vec::Vec<f32> = (0..n).map(|i| place(2 * i, w)).collect();
+            let ys: std::vec::Vec<f32> = (0..n).map(|i| place(2 * i + 1, h)).collect();
+            let (mut a, mut b) = (xs.clone(), xs.clone());
+            plane.sample_by_strips(&mut a, &mut ys.clone());
+            plane.sample_one_by_one(&mut b, &mut ys.clone());
+            for i in 0..n {
+                assert_eq!(a[i].to_bits(), b[i].to_bits(), "({}, {})", xs[i], ys[i]);
+                let [x, y] = [xs[i], ys[i]].map(|v| f64::from((v * 256.0).round_ties_even() / 256.0));
+                if x < 0.0 || y < 0.0 || x >= (w - 1) as f64 || y >= (h - 1) as f64 {
+                    assert!(a[i].is_nan(), "({x}, {y}) lies outside");
+                    continue;
+                }
+                let at = |dx: usize, dy: usize| f64::from(data[(y as usize + dy) * w + x as usize + dx]);
+                let (u, v) = (x.fract(), y.fract());
+                let top = at(0, 0) * (1.0 - u) + at(1, 0) * u;
+                let low = at(0, 1) * (1.0 - u) + at(1, 1) * u;
+                let want = top * (1.0 - v) + low * v;
+                assert!((f64::from(a[i]) - want).abs() < 1e-3, "{} for {want} at ({x}, {y})", a[i]);
+            }
+        }
     }
 }
