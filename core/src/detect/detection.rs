@@ -68,6 +68,7 @@ impl Detection {
     }
 
     /// Whether it stands for the same instance as `other`.
+    #[inline(never)]
     pub(crate) fn is_twin(&self, other: &Self) -> bool {
         self.object == other.object && overlap(&self.corners, &other.corners)
     }
