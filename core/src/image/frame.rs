@@ -4,10 +4,11 @@
 //! planes of normalised chroma (`i8`).
 //!
 //! Luma is Y itself, or (4899 R + 9617 G + 1868 B) / 16384 (ITU-R BT.601, with the rounding that is
-//! usual in the field). Chroma of a 2x2 block is the vector `(R - (G+B)/2, sqrt(3)/2 (G-B)) /
-//! max(R,G,B)`, scaled by 127. The angle of the vector is the hue. Its length is the saturation of
-//! HSV (up to the difference between hexagon and circle). A change of brightness does not change
-//! the vector. A block darker than [`DARK`] has no chroma: both planes then hold [`NO_CHROMA`].
+//! usual in the field). Chroma of a 2x2 block is the vector
+//! `(R - (G+B)/2, sqrt(3)/2 (G-B)) / max(R,G,B)`, scaled by 127. The angle of the vector is the
+//! hue. Its length is the saturation of HSV (up to the difference between hexagon and circle). A
+//! change of brightness does not change the vector. A block darker than [`DARK`] has no chroma:
+//! both planes then hold [`NO_CHROMA`].
 //!
 //! Memory: none beyond the planes. Cost: one pass over the pixels.
 
@@ -210,11 +211,11 @@ impl<'a> Frame<'a> {
         }
     }
 
-    /// Writes luma into `luma` (`width * height`) and chroma into the planes `a` and `b` (`(width /
-    /// 2) * (height / 2)` each).
+    /// Writes luma into `luma` (`width * height`) and chroma into the planes `a` and `b`
+    /// (`(width / 2) * (height / 2)` each).
     ///
     /// # Panics
-    /// Panics when a slice is shorter than that.
+    /// May panic when a slice is shorter than that.
     pub fn convert(&self, luma: &mut [u8], a: &mut [i8], b: &mut [i8]) {
         self.convert_luma(luma);
         chroma_from(self, a, b);

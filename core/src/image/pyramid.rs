@@ -2,8 +2,8 @@
 //!
 //! In: a checked [`Frame`]. Out: [`LEVELS`] levels of luma and of both chroma planes. Each level is
 //! the 2x2 mean of the level below it. A mean of chroma leaves out blocks that have no chroma.
-//! Level `l` of a `w` x `h` frame has `(w >> l)` x `(h >> l)` px of luma and `(w / 2 >> l)` x `(h /
-//! 2 >> l)` px of chroma.
+//! Level `l` of a `w` x `h` frame has `(w >> l)` x `(h >> l)` px of luma and `(w / 2 >> l)` x
+//! `(h / 2 >> l)` px of chroma.
 //!
 //! Memory: `LUMA + 2 * CHROMA` bytes. Cost: one pass over a third more pixels than the frame has.
 //! Full: this cannot happen, because a frame that does not fit is refused.
