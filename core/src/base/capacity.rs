@@ -5,7 +5,7 @@
 //! A full buffer is not an error. The corner stage then keeps the strongest corners. Later stages
 //! keep what came first. Each stage counts what it drops in a [`StageStats`].
 
-/// What one stage saw, kept and dropped in one frame.
+/// Counts of what one stage saw, kept and dropped in one frame.
 ///
 /// `seen` counts the candidates that came in. `kept` counts the results that were passed on.
 /// `dropped` counts the results that would have been passed on had the buffer been larger. A

@@ -363,7 +363,7 @@ fn drop_weaker_half(corners: &mut VecView<Corner>, stats: &mut StageStats) -> i3
 }
 
 /// Returns a key that sorts the strongest corner first. Of equally strong corners the first in
-/// reading order comes first. The key is one number, because sorting does little else than compare.
+/// reading order comes first. The key is one number, because sorting mostly compares.
 pub(crate) fn by_strength(c: &Corner) -> u64 {
     let [strength, y, x] =
         [c.strength, i32::from(c.point.y), i32::from(c.point.x)].map(i32::cast_unsigned).map(u64::from);

@@ -115,8 +115,8 @@ const SPACING: f32 = 0.32;
 /// Bytes of one feature. Its kind and its sampling say how many of them are used.
 pub type Feature = [u8; FEATURE_BYTES];
 
-/// Returns the feature of the keygraph on `points`. The points are in canonical order and in px of
-/// level `level` of `view`. `size` is [`crate::extract::keygraph::Keygraph::size`].
+/// Returns the feature of the keygraph on `points`. The points are in canonical order and lie in level
+/// `level` of `view`. `size` is [`crate::extract::keygraph::Keygraph::size`].
 #[must_use]
 pub fn extract(
     view: &PyramidView<'_>,

@@ -295,7 +295,7 @@ impl Nearest for Grid<'_> {
                     }
                 }
             }
-            // Corners in other cells are farther away than this.
+            // Corners in cells that have not been searched are at least this far away.
             let reach = (count(ring) << Self::SIZE) as f32;
             if near <= reach * reach {
                 break;

@@ -240,7 +240,7 @@ impl Placed {
     }
 }
 
-/// What the homography says. The unit of length is half the diagonal of the picture.
+/// Measurements that the homography gives. The unit of length is half the diagonal of the picture.
 struct Sight<'a> {
     intrinsics: &'a Intrinsics,
     /// Half the diagonal, picture px.
