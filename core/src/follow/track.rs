@@ -95,8 +95,9 @@ pub struct Track {
     pub id: u32,
     /// State of the instance.
     pub state: State,
-    /// Detection in this frame, or the last one if the instance is not seen. `votes` and `agreeing` come from the
-    /// last search that found it. `appearance.chroma` is 0 when no search found it in this frame.
+    /// Detection in this frame, or the last one if the instance is not seen. `votes` and `agreeing`
+    /// come from the last search that found it. `appearance.chroma` is 0 when no search found it in
+    /// this frame.
     pub detection: Detection,
     /// Number of frames since the instance was seen; 0 when it is seen in this frame.
     pub unseen: u32,
