@@ -1,36 +1,41 @@
-//! Sizes that several stages share, and what the stages count. Sizes of one stage
-//! stand in its file, those of the profiles in `detect`.
+//! This file holds the sizes that several stages share, the names of stages and buffers, and the
+//! counts that stages report. The sizes of one stage stand in the file of that stage. The sizes of
+//! the profiles stand in `detect`.
 //!
-//! A full buffer is not an error: corners keep the strongest, later stages what came
-//! first, and what was dropped is counted in a [`StageStats`].
+//! A full buffer is not an error. The corner stage then keeps the strongest corners. Later stages
+//! keep what came first. Each stage counts what it drops in a [`StageStats`].
 
-/// What one stage saw, kept and dropped for lack of room in one frame.
+/// Counts of what one stage saw, kept and dropped in one frame.
 ///
-/// `seen` counts candidates; `kept` what was passed on; `dropped` what would
-/// have been passed on had the buffer been larger. What a stage rejects by its
-/// own rule (a thin triangle, a weak corner) is in neither of the last two. Classify
-/// keeps up to two matches of what it sees; delaunay's losses count points and
-/// triangles alike; corners count as dropped beyond the method's limit too; pose
-/// counts candidates in, and vertex pairs as dropped.
+/// `seen` counts the candidates that came in. `kept` counts the results that were passed on.
+/// `dropped` counts the results that would have been passed on had the buffer been larger. A
+/// candidate that a stage rejects by its own rule (a thin triangle, a weak corner) counts neither
+/// as kept nor as dropped.
+///
+/// Four stages count in their own way:
+/// - Classify keeps up to two matches for each keygraph that it sees.
+/// - Delaunay counts lost points and lost triangles together in `dropped`.
+/// - Corners also counts the corners beyond the limit of the method in `dropped`.
+/// - Pose counts candidates in `seen`, and lost vertex pairs in `dropped`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct StageStats {
-    /// Candidates that came in.
+    /// Number of candidates that came in.
     pub seen: u32,
-    /// Results passed on.
+    /// Number of results that were passed on.
     pub kept: u32,
-    /// Results lost to a full buffer.
+    /// Number of results that were lost to a full buffer.
     pub dropped: u32,
 }
 
-/// Lengths fit `u32`: every buffer is far smaller.
+/// Returns a length as `u32`. Every length fits, because every buffer is far smaller than 2^32.
 #[allow(clippy::cast_possible_truncation, reason = "capacities are far below 2^32")]
 pub(crate) const fn count(n: usize) -> u32 {
     n as u32
 }
 
-/// An index as an id of 16 bits. The owners of the buffers assert at compile time that their
-/// capacities fit.
+/// Returns an index as an id of 16 bits. The owner of each buffer asserts at compile time that its
+/// capacity fits.
 #[allow(clippy::cast_possible_truncation, reason = "asserted where the buffers are declared")]
 pub(crate) const fn id(index: usize) -> u16 {
     debug_assert!(index <= u16::MAX as usize, "an id has 16 bits");
@@ -42,35 +47,35 @@ pub(crate) const fn id(index: usize) -> u16 {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum Stage {
-    /// Raw pixels to luma and half-size chroma.
+    /// Converts raw pixels to luma and half-size chroma.
     Convert,
-    /// Half-size levels.
+    /// Makes the half-size levels.
     Pyramid,
-    /// Shi-Tomasi corners and their ranking.
+    /// Finds Shi-Tomasi corners and ranks them.
     Corners,
-    /// Nested Delaunay triangulation.
+    /// Makes the nested Delaunay triangulation.
     Delaunay,
-    /// Thick scalene filter and partition keys.
+    /// Keeps the thick scalene triangles and computes their partition keys.
     Keygraphs,
-    /// Features of the keygraphs.
+    /// Computes the features of the keygraphs.
     Features,
-    /// Nearest neighbours in the model.
+    /// Finds the nearest neighbours of the features in the model.
     Classify,
-    /// Matches whose surroundings look alike.
+    /// Keeps the matches whose surroundings look alike.
     Verify,
-    /// Hough votes and their peaks.
+    /// Collects Hough votes and finds their peaks.
     Vote,
-    /// Candidates grown to homographies.
+    /// Grows candidates to homographies.
     Pose,
-    /// Acceptance by appearance.
+    /// Accepts poses by their appearance.
     Accept,
 }
 
 impl Stage {
-    /// How many stages there are.
+    /// Number of stages.
     pub const COUNT: usize = 11;
 
-    /// All stages in pipeline order.
+    /// All stages, in pipeline order.
     pub const ALL: [Self; Self::COUNT] = [
         Self::Convert,
         Self::Pyramid,
@@ -85,7 +90,7 @@ impl Stage {
         Self::Accept,
     ];
 
-    /// The name used in reports and JSON.
+    /// Returns the name of the stage in reports and JSON.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -109,17 +114,17 @@ impl Stage {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum Buffer {
-    /// Pyramid of luma, bytes.
+    /// Luma pyramid; an element is a byte.
     Luma,
-    /// Pyramids of both chroma planes, bytes.
+    /// Pyramids of both chroma planes; an element is a byte.
     Chroma,
-    /// Rows that corners are computed in, numbers.
+    /// Rows in which corners are computed; an element is a number.
     CornerRows,
-    /// Candidates for corners on a level.
+    /// Corner candidates of a level.
     Corners,
     /// Corners of all levels.
     Keypoints,
-    /// Points that are triangulated together.
+    /// Points of one triangulation.
     Triangulation,
     /// Triangles of a level.
     Triples,
@@ -129,14 +134,14 @@ pub enum Buffer {
     Features,
     /// Matches that vote.
     Votes,
-    /// Bins that votes fall into.
+    /// Bins of the votes.
     Bins,
     /// Vertex pairs near a candidate.
     Pairs,
 }
 
 impl Buffer {
-    /// How many there are.
+    /// Number of buffers.
     pub const COUNT: usize = 12;
 
     /// All buffers, in the order in which a frame fills them.
@@ -155,7 +160,7 @@ impl Buffer {
         Self::Pairs,
     ];
 
-    /// The name used in reports and JSON.
+    /// Returns the name of the buffer in reports and JSON.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -175,47 +180,47 @@ impl Buffer {
     }
 }
 
-/// What one buffer takes.
+/// Size of one buffer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub struct Room {
-    /// Bytes of memory.
+    /// Size in bytes.
     pub bytes: usize,
-    /// Elements that fit.
+    /// Maximum number of elements.
     pub capacity: usize,
 }
 
-/// Levels of the image pyramid: full size down to an eighth.
+/// Number of levels of the image pyramid, from full size down to an eighth.
 pub const LEVELS: usize = 4;
 
-/// Bytes of a luma pyramid whose lowest level has `pixels` pixels.
+/// Returns the size in bytes of a luma pyramid whose level 0 has `pixels` pixels.
 #[must_use]
 pub const fn luma_bytes(pixels: usize) -> usize {
     pixels + pixels / 4 + pixels / 16 + pixels / 64
 }
 
-/// Pixels of the lowest level of a luma pyramid that has `bytes` bytes: the inverse of
-/// [`luma_bytes`] for sizes of which a 64th is whole.
+/// Returns the number of pixels of level 0 of a luma pyramid of `bytes` bytes. This is the inverse
+/// of [`luma_bytes`] for numbers of pixels that are multiples of 64.
 #[must_use]
 pub const fn pixels_of(bytes: usize) -> usize {
     bytes / 85 * 64
 }
 
-/// Bytes of one chroma pyramid (there are two) for frames of `pixels` pixels.
+/// Returns the size in bytes of one chroma pyramid for frames of `pixels` pixels. A frame has two.
 #[must_use]
 pub const fn chroma_bytes(pixels: usize) -> usize {
     luma_bytes(pixels / 4)
 }
 
-/// Candidates (pose hypotheses) that are grown and checked in one frame.
+/// Maximum number of candidates (pose hypotheses) that are grown and checked in one frame.
 pub const CANDIDATES: usize = 24;
 
-/// Detections reported in one frame.
+/// Maximum number of detections that are reported in one frame.
 pub const DETECTIONS: usize = 32;
 
 /// Longer side of the appearance template of an object, px.
 pub const TEMPLATE_SIDE: usize = 96;
 
-/// Bytes of the longest feature.
+/// Length of the longest feature, bytes.
 pub const FEATURE_BYTES: usize = 36;

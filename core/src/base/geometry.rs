@@ -1,13 +1,15 @@
-//! Points, the two exact predicates that the triangulation stands on, and plane
-//! projective maps.
+//! This file holds points, the two exact predicates of the triangulation, and projective maps of
+//! the plane.
 //!
-//! In: points in 1/16 px. Out: signs without rounding error. Coordinates are
-//! never negative, so a difference fits 16 bits with its sign, products of two
-//! fit `i32`, and the in-circle determinant fits `i64` (see [`in_circle`]).
+//! In: points in 1/16 px. Out: signs without rounding error.
+//!
+//! Coordinates are never negative. The difference of two coordinates therefore fits 16 bits with
+//! its sign, the product of two differences fits `i32`, and the in-circle determinant fits `i64`
+//! (see [`in_circle`]).
 
-/// A position in an image, in 1/16 px, pixel centres at multiples of 16.
+/// A position in an image, in 1/16 px. Pixel centres lie at multiples of 16.
 ///
-/// Coordinates are never negative; 2047 px is the largest that fits.
+/// Coordinates are never negative. The largest coordinate that fits is 2047 px.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Point {
@@ -18,13 +20,13 @@ pub struct Point {
 }
 
 impl Point {
-    /// The point at `(x, y)`, both in 1/16 px.
+    /// Makes the point at `(x, y)`, both in 1/16 px.
     #[must_use]
     pub const fn new(x: i16, y: i16) -> Self {
         Self { x, y }
     }
 
-    /// Coordinates in px.
+    /// Returns the coordinates in px.
     #[must_use]
     pub fn px(self) -> [f32; 2] {
         [f32::from(self.x) / 16.0, f32::from(self.y) / 16.0]
@@ -34,7 +36,7 @@ impl Point {
         (i64::from(i32::from(self.x) - i32::from(o.x)), i64::from(i32::from(self.y) - i32::from(o.y)))
     }
 
-    /// Squared distance to `o`, in (1/16 px)^2.
+    /// Returns the squared distance to `o`, in (1/16 px)^2.
     #[must_use]
     pub fn distance2(self, o: Self) -> i64 {
         let (dx, dy) = self.minus(o);
@@ -42,9 +44,9 @@ impl Point {
     }
 }
 
-/// Twice the signed area of the triangle `a b c`, in (1/16 px)^2: positive when
-/// the turn from `a b` to `c` takes the x axis towards the y axis (clockwise on
-/// a screen whose y axis points down).
+/// Returns twice the signed area of the triangle `a b c`, in (1/16 px)^2. The result is positive
+/// when the turn from `a b` to `a c` takes the x axis towards the y axis (clockwise on a screen
+/// whose y axis points down).
 #[must_use]
 pub fn orient(a: Point, b: Point, c: Point) -> i64 {
     let (bx, by) = b.minus(a);
@@ -52,13 +54,13 @@ pub fn orient(a: Point, b: Point, c: Point) -> i64 {
     bx * cy - by * cx
 }
 
-/// Positive when `d` lies inside the circle through `a b c`, negative outside,
-/// zero on it; `a b c` must have positive orientation.
+/// Returns a positive number when `d` lies inside the circle through `a b c`, a negative number
+/// when `d` lies outside, and zero when `d` lies on the circle. `a b c` must have positive
+/// orientation.
 ///
-/// The determinant of the lifted points. Within a square of side L its absolute
-/// value is at most 2 L^4 (take the origin in the middle, where each squared
-/// norm is at most L^2/2, and add the four areas): 2^61 here. Partial sums may
-/// wrap, which the final sum undoes.
+/// The result is the determinant of the lifted points. Within a square of side L its absolute value
+/// is at most 2 L^4, which is 2^61 here. (Take the origin in the middle, where each squared norm is
+/// at most L^2/2, and add the four areas.) Partial sums may wrap; the final sum undoes it.
 #[must_use]
 pub fn in_circle(a: Point, b: Point, c: Point, d: Point) -> i64 {
     let (ax, ay) = a.minus(d);
@@ -69,8 +71,8 @@ pub fn in_circle(a: Point, b: Point, c: Point, d: Point) -> i64 {
     t(a2, bx * cy - by * cx).wrapping_add(t(b2, cx * ay - cy * ax)).wrapping_add(t(c2, ax * by - ay * bx))
 }
 
-/// The circle through three points of positive orientation, to be asked about many others:
-/// the determinant of [`in_circle`], expanded by its last point.
+/// The circle through three points of positive orientation, prepared for tests of many other
+/// points. It is the determinant of [`in_circle`], expanded by its last point.
 pub(crate) struct Circle {
     on: Point,
     factors: [i64; 3],
@@ -85,7 +87,7 @@ impl Circle {
         Self { on: a, factors }
     }
 
-    /// Whether a point lies inside.
+    /// Returns whether a point lies inside the circle.
     pub fn holds(&self, p: Point) -> bool {
         let (x, y) = p.minus(self.on);
         let t = |n: i64, m: i64| n.wrapping_mul(m);
@@ -93,8 +95,8 @@ impl Circle {
     }
 }
 
-/// A projective map of the plane, row-major, from px to px (pixel centres at
-/// integers).
+/// A projective map of the plane, from px to px, as a row-major matrix. Pixel centres lie at
+/// integers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Homography(pub [f32; 9]);
@@ -103,20 +105,20 @@ impl Homography {
     /// The map that changes nothing.
     pub const IDENTITY: Self = Self([1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]);
 
-    /// The affine map `[a b c; d e f]`.
+    /// Makes the affine map whose matrix has the rows `[a b c]`, `[d e f]` and `[0 0 1]`.
     #[must_use]
     pub const fn affine([a, b, c, d, e, f]: [f32; 6]) -> Self {
         Self([a, b, c, d, e, f, 0.0, 0.0, 1.0])
     }
 
-    /// The map from one size of a picture to another: a picture that is `x` times as wide and
-    /// `y` times as high, both with pixel centres at integers.
+    /// Makes the map from a picture to its copy that is `x` times as wide and `y` times as high.
+    /// Pixel centres lie at integers in both.
     #[must_use]
     pub const fn scaling([x, y]: [f32; 2]) -> Self {
         Self::affine([x, 0.0, (x - 1.0) / 2.0, 0.0, y, (y - 1.0) / 2.0])
     }
 
-    /// Image of `p`; not finite on the line that goes to infinity.
+    /// Returns the image of `p`. The result is not finite when the map sends `p` to infinity.
     #[must_use]
     pub fn apply(&self, [x, y]: [f32; 2]) -> [f32; 2] {
         let h = &self.0;
@@ -124,14 +126,14 @@ impl Homography {
         [(h[0] * x + h[1] * y + h[2]) / w, (h[3] * x + h[4] * y + h[5]) / w]
     }
 
-    /// Image of `p` under an affine map: the last row is not looked at.
+    /// Returns the image of `p` under an affine map. The last row of the matrix is not used.
     #[must_use]
     pub fn apply_affine(&self, [x, y]: [f32; 2]) -> [f32; 2] {
         let h = &self.0;
         [h[0] * x + h[1] * y + h[2], h[3] * x + h[4] * y + h[5]]
     }
 
-    /// First `other`, then `self`.
+    /// Returns the map that applies `other` first and `self` second.
     #[must_use]
     pub fn after(&self, other: &Self) -> Self {
         let (a, b) = (&self.0, &other.0);
@@ -141,7 +143,7 @@ impl Homography {
         }))
     }
 
-    /// The map back, up to scale; `None` when there is none.
+    /// Returns the inverse map, up to scale. Returns `None` when the map has no inverse.
     #[must_use]
     pub fn inverse(&self) -> Option<Self> {
         let h = &self.0;
@@ -161,21 +163,23 @@ impl Homography {
         (det != 0.0 && det.is_finite()).then(|| Self(cofactors.map(|c| c / det)))
     }
 
-    /// The same map with its last element 1.
+    /// Returns the same map scaled so that its last element is 1. A map whose last element is 0 is
+    /// returned as it is.
     #[must_use]
     pub fn normalised(&self) -> Self {
         let last = self.0[8];
         if last == 0.0 { *self } else { Self(self.0.map(|v| v / last)) }
     }
 
-    /// Images of the corners `(0,0) (w,0) (w,h) (0,h)` of a picture.
+    /// Returns the images of the corners `(0,0) (w,0) (w,h) (0,h)` of a picture.
     #[must_use]
     pub fn outline(&self, width: f32, height: f32) -> [[f32; 2]; 4] {
         [[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]].map(|p| self.apply(p))
     }
 }
 
-/// Signed area of a polygon, positive when it turns the x axis towards the y axis.
+/// Returns the signed area of a polygon. The area is positive when the outline turns the x axis
+/// towards the y axis.
 #[must_use]
 pub fn area(outline: &[[f32; 2]]) -> f32 {
     let n = outline.len();
@@ -186,7 +190,7 @@ pub fn area(outline: &[[f32; 2]]) -> f32 {
     (0..n).map(cross).sum::<f32>() / 2.0
 }
 
-/// Whether a polygon with positive area turns the same way at every corner.
+/// Returns whether a polygon with positive area turns the same way at every corner.
 #[must_use]
 pub fn is_convex(outline: &[[f32; 2]]) -> bool {
     let n = outline.len();
@@ -196,7 +200,7 @@ pub fn is_convex(outline: &[[f32; 2]]) -> bool {
     })
 }
 
-/// Whether a convex polygon with positive area holds `p`.
+/// Returns whether a convex polygon with positive area contains `p`. Its edges belong to it.
 #[must_use]
 pub fn contains(outline: &[[f32; 2]], p: [f32; 2]) -> bool {
     let n = outline.len();

@@ -1,71 +1,71 @@
-//! The only file that calls `libm` and `micromath`.
+//! This is the only file that calls `libm` and `micromath`.
 //!
-//! In: `f32`. Out: `f32`, the same bits on every target: both crates compute
-//! with plain IEEE additions, multiplications and divisions.
+//! In: `f32`. Out: `f32`, with the same bits on every target. Both crates compute with plain IEEE
+//! additions, multiplications and divisions.
 //!
-//! `micromath` is used for [`coarse_atan2`] alone, where its error (0.0028 rad
-//! at most) is far finer than the bin that the result falls into; everything
-//! that ends in a coordinate goes through `libm`. Why, with figures:
-//! `docs/decisions/0002-float-math.md`.
+//! `micromath` is used for [`coarse_atan2`] only. Its error there (at most 0.0028 rad) is far finer
+//! than the bin that the result falls into. Everything that ends in a coordinate goes through
+//! `libm`. `docs/decisions/0002-float-math.md` gives the reasons and the figures.
 
 use micromath::F32Ext;
 
-/// Whether the target computes several numbers at once. Where it does, it costs less to compute
-/// what may not be needed than to ask, and loops over numbers side by side are worth their
-/// room; the results are the same.
+/// Whether the target computes several numbers with one instruction. On such a target a value that
+/// may not be needed is cheaper to compute than to test for, and loops over several numbers at once
+/// are worth their code size. The results are the same on all targets.
 pub(crate) const VECTORS: bool = cfg!(any(target_feature = "sse2", target_feature = "neon"));
 
-/// The greater of two numbers, which are numbers.
+/// Returns the greater of two numbers. Neither may be NaN.
 pub(crate) fn max(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }
 
-/// The smaller of two numbers, which are numbers.
+/// Returns the smaller of two numbers. Neither may be NaN.
 pub(crate) fn min(a: f32, b: f32) -> f32 {
     if a < b { a } else { b }
 }
 
-/// Square root, exactly rounded.
+/// Returns the square root, exactly rounded.
 #[must_use]
 pub fn sqrt(x: f32) -> f32 {
     libm::sqrtf(x)
 }
 
-/// Square root, good to three ten-millionths, of a number that is 0 or larger than 1e-30:
-/// plain arithmetic, so that compilers make vectors of it.
+/// Returns the square root with a relative error below 3e-7. `x` must be 0 or larger than 1e-30.
+/// The function uses plain arithmetic, so that compilers make vectors of it.
 #[must_use]
 pub fn coarse_sqrt(x: f32) -> f32 {
-    // Newton's steps towards 1 / sqrt(x), from half the negative exponent.
+    // Newton's steps towards 1 / sqrt(x) start from half the negative exponent.
     let start = f32::from_bits(0x5f37_59df_u32.wrapping_sub(x.to_bits() >> 1));
     let step = |y: f32| y * (1.5 - 0.5 * x * y * y);
     x * step(step(step(start)))
 }
 
-/// Natural logarithm.
+/// Returns the natural logarithm.
 #[must_use]
 pub fn ln(x: f32) -> f32 {
     libm::logf(x)
 }
 
-/// Base-2 logarithm.
+/// Returns the base-2 logarithm.
 #[must_use]
 pub fn log2(x: f32) -> f32 {
     libm::log2f(x)
 }
 
-/// `e` to the power `x`.
+/// Returns `e` to the power `x`.
 #[must_use]
 pub fn exp(x: f32) -> f32 {
     libm::expf(x)
 }
 
-/// Sine and cosine of an angle of a few turns at most, radians; good to 2e-7.
+/// Returns the sine and the cosine of an angle in radians, with an error below 2e-7. The angle must
+/// be a few turns at most.
 ///
-/// The first terms of their series, once whole quarters are taken away: the library's
-/// takes 6 KB of a board's flash to be right for any angle at all.
+/// The function removes whole quarter turns and sums the first terms of both series. The library's
+/// function takes 6 KB of a board's flash, because it is right for any angle.
 #[must_use]
 pub fn sin_cos(x: f32) -> (f32, f32) {
-    // A quarter turn in two parts, the first of few bits, so that its multiples are exact.
+    // A quarter turn in two parts. The first part has few bits, so that its multiples are exact.
     const QUARTER: [f32; 2] = [1.570_312_5, 4.838_268e-4];
     let quarters = round(x * core::f32::consts::FRAC_2_PI);
     let q = quarters as f32;
@@ -81,8 +81,8 @@ pub fn sin_cos(x: f32) -> (f32, f32) {
     }
 }
 
-/// Angle of `(x, y)` in radians, in `(-pi, pi]`, good to 0.003 rad: for angle
-/// and vote bins only. The angle of the null vector is 0.
+/// Returns the angle of `(x, y)` in radians, in `(-pi, pi]`, with an error below 0.003 rad. Use it
+/// for angle bins and vote bins only. The angle of the null vector is 0.
 #[must_use]
 pub fn coarse_atan2(y: f32, x: f32) -> f32 {
     if x == 0.0 && y == 0.0 {
@@ -91,24 +91,24 @@ pub fn coarse_atan2(y: f32, x: f32) -> f32 {
     F32Ext::atan2(y, x)
 }
 
-/// Nearest integer to a number below 2^22, halves to the even one: plain arithmetic, so that
-/// compilers make vectors of it. For what is larger, or no number, some integer below 0 or
-/// above 2^21.
+/// Returns the integer nearest to a number whose absolute value is below 2^22. Halves go to the
+/// even integer. The function uses plain arithmetic, so that compilers make vectors of it. For a
+/// larger number or NaN the result is some integer below 0 or above 2^21.
 #[must_use]
 pub fn whole(x: f32) -> i32 {
-    // Where the last bit of a float counts one.
+    // At this size the last bit of an `f32` counts one.
     const ONES: f32 = 12_582_912.0;
     (x + ONES).to_bits().wrapping_sub(ONES.to_bits()).cast_signed()
 }
 
-/// Nearest integer, halves away from zero, saturating.
+/// Returns the nearest integer, saturating. Halves go away from zero.
 #[must_use]
 #[allow(clippy::cast_possible_truncation)]
 pub fn round(x: f32) -> i32 {
     (x + if x < 0.0 { -0.5 } else { 0.5 }) as i32
 }
 
-/// Largest integer not above `x`, saturating.
+/// Returns the largest integer that is not above `x`, saturating.
 #[must_use]
 #[allow(clippy::cast_possible_truncation)]
 pub fn floor(x: f32) -> i32 {

@@ -1,5 +1,6 @@
-//! What every other layer stands on: the fixed sizes and the counts of the stages, the
-//! arithmetic that is equal on all targets, sorting in known stack, points and plane maps.
+//! This layer is the base of every other layer. It holds the fixed sizes, the counts of the stages,
+//! arithmetic that gives equal results on all targets, sorting in a known stack, points, and maps
+//! of the plane.
 //!
 //! Rule: nothing here knows an image, a model or a frame.
 

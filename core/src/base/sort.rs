@@ -1,29 +1,31 @@
-//! Sorting in place, in stack that is known before.
+//! Sorts in place, in a stack whose size is known beforehand.
 //!
-//! In: a slice and an order. Out: the slice in that order. The sort of `core` calls
-//! itself up to twice log2 n times deep, with room for 48 elements in each call: on a
-//! board with 8 KB of stack, 800 corners in an unlucky order overflow it. Boards have
-//! another, which does not call itself: D. Shell's (*A High-Speed Sorting Procedure*,
-//! CACM 1959) with the gaps of M. Ciura (*Best Increments for the Average Case of
-//! Shellsort*, FCT 2001). Processors with vectors have the stack, and take the sort of
-//! `core`, which is faster.
+//! In: a slice and an order. Out: the slice in that order.
 //!
-//! Memory: one element on a board. Cost: 15 comparisons an element for 1,000 of them.
-//! Equal elements end up in any order, not the same on every machine: keys are to differ.
+//! The sort of `core` calls itself up to 2 log2 n times deep, and each call has room for 48
+//! elements. On a board with 8 KB of stack, 800 corners in an unlucky order overflow it. Boards
+//! therefore use the sort of D. Shell (*A High-Speed Sorting Procedure*, CACM 1959), which does not
+//! call itself, with the gaps of M. Ciura (*Best Increments for the Average Case of Shellsort*, FCT
+//! 2001). Processors with vectors have enough stack. They use the sort of `core`, which is faster.
+//!
+//! Memory: one element on a board. Cost: 15 comparisons an element for 1,000 elements. Equal
+//! elements end up in any order, and the order differs between machines. Keys must therefore
+//! differ.
 
 use core::cmp::Ordering;
 
 use crate::base::math::VECTORS;
 
-/// Ciura's gaps, and two more for larger frames than he had, each 2.25 times the last.
+/// The gaps up to 701 are Ciura's. Two more are for larger frames than he had; the largest is 2.25
+/// times the one below it.
 const GAPS: [usize; 10] = [3937, 1750, 701, 301, 132, 57, 23, 10, 4, 1];
 
-/// Sorts by a key.
+/// Sorts a slice by a key, in ascending order.
 pub fn sort_by_key<T: Copy, K: Ord>(values: &mut [T], key: impl Fn(&T) -> K) {
     sort(values, |a, b| key(a) < key(b));
 }
 
-/// Sorts so that no element is `less` than the one before it.
+/// Sorts a slice so that no element is `less` than the one before it.
 pub fn sort<T: Copy>(values: &mut [T], less: impl Fn(&T, &T) -> bool) {
     if VECTORS {
         values.sort_unstable_by(|a, b| match (less(a, b), less(b, a)) {
@@ -55,7 +57,7 @@ mod tests {
     use super::*;
     use std::vec::Vec;
 
-    /// Orders that are hard on some sort or other, of `n` elements.
+    /// Returns orders of `n` elements that are hard for one sort or another.
     fn orders(n: u32) -> [Vec<u32>; 6] {
         let noise = |i: u32| (i + 1).wrapping_mul(2_654_435_761) >> 7;
         [

@@ -1,20 +1,22 @@
-//! Shi-Tomasi corners ("good features to track"), computed row by row.
+//! Finds Shi-Tomasi corners ("good features to track"), row by row.
 //!
-//! In: a luma plane. Out: corners in 1/16 px, in no particular order. The
-//! strength of a pixel is twice the smaller eigenvalue of `[[a, b], [b, c]]`,
-//! sums over its 3x3 block of products of 3x3 Sobel derivatives:
-//! `a + c - sqrt((a - c)^2 + 4 b^2)` (J. Shi, C. Tomasi, *Good Features to
-//! Track*, CVPR 1994). The sums are integers below 2^24, which `f32` holds
-//! exactly; it is taken because all processors have its multiplication in their
-//! vector units. Borders mirror without repeating the edge, the outermost pixels
-//! hold no corner, and a corner is a pixel that no neighbour exceeds: OpenCV's
-//! `goodFeaturesToTrack`. Its place is then refined by a parabola through the
-//! strengths beside it, where those below the threshold so far count as none.
+//! In: a luma plane. Out: corners in 1/16 px, in no particular order.
 //!
-//! Memory: [`SCRATCH_ROWS`] rows of `f32` and 12 bytes a candidate. Cost: one
-//! pass over the pixels, some 100 operations each, written so that compilers
-//! make vectors of them. Full: the weaker half of the candidates is dropped and
-//! counted, and the threshold rises to the weakest that is left.
+//! The strength of a pixel is twice the smaller eigenvalue of `[[a, b], [b, c]]`, which is
+//! `a + c - sqrt((a - c)^2 + 4 b^2)` (J. Shi, C. Tomasi, *Good Features to Track*, CVPR 1994). `a`,
+//! `b` and `c` are sums over the 3x3 block of the pixel of products of 3x3 Sobel derivatives. The
+//! sums are integers below 2^24, which `f32` holds exactly. `f32` is used because the vector units
+//! of all processors multiply it.
+//!
+//! Borders mirror without repeating the edge. The outermost pixels hold no corner. A corner is a
+//! pixel that no neighbour exceeds, as in OpenCV's `goodFeaturesToTrack`. A parabola through the
+//! strengths beside a corner then refines its place. Strengths below the threshold reached so far
+//! count as 0 for it.
+//!
+//! Memory: [`SCRATCH_ROWS`] rows of `f32` and 12 bytes a candidate. Cost: one pass over the pixels,
+//! with some 100 operations a pixel, written so that compilers make vectors of them. Full: the
+//! weaker half of the candidates is dropped and counted, and the threshold rises to the weakest
+//! strength that is left.
 
 use heapless::VecView;
 
@@ -24,8 +26,8 @@ use crate::base::math::{self, VECTORS, max, min};
 use crate::base::sort::sort_by_key;
 use crate::image::pyramid::Plane;
 
-/// Rows of `f32`, each as long as the image is wide, that [`detect_corners`]
-/// works in.
+/// Number of rows of `f32` that [`detect_corners`] works in. Each row is as long as the image is
+/// wide.
 pub const SCRATCH_ROWS: usize = 15;
 
 /// A corner of one pyramid level.
@@ -36,27 +38,27 @@ pub struct Corner {
     pub point: Point,
     /// Twice the smaller eigenvalue of the integer structure tensor.
     pub strength: i32,
-    /// Squared distance, in (1/16 px)^2, to the nearest clearly stronger
-    /// corner; 0 until [`rank`](crate::extract::rank) has set it.
+    /// Squared distance to the nearest clearly stronger corner, in (1/16 px)^2. It is 0 until
+    /// [`rank`](crate::extract::rank) has set it.
     pub radius2: u32,
 }
 
-/// What counts as a corner.
+/// Thresholds of the corner detector.
 #[derive(Clone, Copy, Debug)]
 pub struct CornerParams {
-    /// Least strength as a fraction of the strongest corner's, in 1/65536.
-    /// OpenCV's `qualityLevel`, usually 0.01 (655). Raising it loses corners in
-    /// the duller parts of a frame.
+    /// Minimum strength as a fraction of the strength of the strongest corner, in 1/65536. This is
+    /// OpenCV's `qualityLevel`, usually 0.01 (655). Raising it loses corners in the duller parts of
+    /// a frame.
     pub quality_q16: u32,
-    /// Least strength whatever the strongest corner: below it noise makes
-    /// corners. 20,000 is a step of about 12 gray levels seen from its corner.
+    /// Minimum strength, whatever the strongest corner is. Below it noise makes corners. 20,000 is
+    /// the strength of the corner of a step of about 12 gray levels.
     pub floor: i32,
-    /// Corners nearer than this to the edge are left out, px; at least 1.
+    /// Minimum distance of a corner from the edge, px; at least 1. Nearer corners are left out.
     pub margin_px: usize,
 }
 
-/// The smaller eigenvalue of `[[a, b], [b, c]]`, times two, good to a millionth of
-/// the larger one.
+/// Returns twice the smaller eigenvalue of `[[a, b], [b, c]]`. The error is at most a millionth of
+/// the larger eigenvalue.
 #[must_use]
 pub fn strength(a: f32, b: f32, c: f32) -> f32 {
     let (d, e) = (a - c, 2.0 * b);
@@ -64,18 +66,19 @@ pub fn strength(a: f32, b: f32, c: f32) -> f32 {
     if v > 0.0 { v } else { 0.0 }
 }
 
-/// Where row or column `i` of a mirrored border lies: -1 is 1, `n` is `n - 2`.
+/// Returns the row or column that stands for `i` where the border mirrors: 1 for -1, `n - 2` for
+/// `n`.
 const fn mirror(i: isize, n: usize) -> usize {
     let n = n.cast_signed();
     let i = if i < 0 { -i } else { i };
     (if i >= n { 2 * n - 2 - i } else { i }).cast_unsigned()
 }
 
-/// Sobel derivatives of the middle row as products `dx dx`, `dx dy`, `dy dy`.
+/// Writes the products `dx dx`, `dx dy`, `dy dy` of the Sobel derivatives of the middle row.
 #[cfg_attr(feature = "dispatch", multiversion::multiversion(targets("x86_64+avx2")))]
 fn products([top, mid, low]: [&[u8]; 3], [xx, xy, yy]: &mut [&mut [f32]; 3]) {
     let n = mid.len() - 2;
-    // Each pixel and its neighbours as slices of one length: no bounds to check.
+    // Each pixel and its neighbours are slices of one length, so that no bounds are checked.
     let [[t0, t1, t2], [m0, _, m2], [l0, l1, l2]] = [top, mid, low].map(|row| [0, 1, 2].map(|d| &row[d..][..n]));
     let (ix, iy, iz) = (&mut xx[1..][..n], &mut xy[1..][..n], &mut yy[1..][..n]);
     for i in 0..n {
@@ -92,7 +95,7 @@ fn products([top, mid, low]: [&[u8]; 3], [xx, xy, yy]: &mut [&mut [f32]; 3]) {
     }
 }
 
-/// Sums over each pixel and its two neighbours in the row.
+/// Writes the sums over each pixel and its two neighbours in the row.
 #[cfg_attr(feature = "dispatch", multiversion::multiversion(targets("x86_64+avx2")))]
 fn sum3(p: &[f32], out: &mut [f32]) {
     let w = p.len();
@@ -105,12 +108,13 @@ fn sum3(p: &[f32], out: &mut [f32]) {
     }
 }
 
-/// The sums over each pixel of the middle row and its two neighbours of the products `dx dx`,
-/// `dy dy`, `dx dy`, one pixel after the other: what a column adds is kept for the next two.
+/// Writes, for each pixel of the middle row, the sums over the pixel and its two neighbours of the
+/// products `dx dx`, `dy dy`, `dx dy`. The pixels are computed one by one. What a column adds is
+/// kept for the next two pixels.
 fn sums_one_by_one([top, mid, low]: [&[u8]; 3], out: &mut [f32]) {
     let (out, _) = out.as_chunks_mut::<3>();
     let n = mid.len();
-    // What a column adds to the derivatives along and across the row.
+    // A column adds these two sums to the derivatives along and across the row.
     let sums = |[t, m, l]: [i32; 3]| (t + 2 * m + l, l - t);
     let column = |x: usize| sums([top[x], mid[x], low[x]].map(i32::from));
     let product = |dx: i32, dy: i32| {
@@ -119,7 +123,7 @@ fn sums_one_by_one([top, mid, low]: [&[u8]; 3], out: &mut [f32]) {
     };
     let plus = |a: [f32; 3], b: [f32; 3]| [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
     let [(first, slope), second, third] = [0, 1, 2].map(column);
-    // Borders mirror: the first pixel has the second on both sides.
+    // Borders mirror: the first pixel has the second pixel on both sides.
     let p = product(0, 2 * (slope + second.1));
     let mut last = product(third.0 - first, slope + 2 * second.1 + third.1);
     let mut pair = plus(p, last);
@@ -133,7 +137,7 @@ fn sums_one_by_one([top, mid, low]: [&[u8]; 3], out: &mut [f32]) {
         (pair, last) = (plus(last, p), p);
         (before, here) = (here, next);
     };
-    // Two at a time: less is moved from one name to another.
+    // Two pixels at a time: fewer values are moved between variables.
     let [top, mid, low] = [top, mid, low].map(|row| row[3..n].as_chunks::<2>());
     let (twos, ends) = rest.split_at_mut(2 * top.0.len());
     for (((t, m), l), out) in top.0.iter().zip(mid.0).zip(low.0).zip(twos.as_chunks_mut::<2>().0) {
@@ -148,11 +152,11 @@ fn sums_one_by_one([top, mid, low]: [&[u8]; 3], out: &mut [f32]) {
     rest[n - 2] = plus(p, plus(last, last));
 }
 
-/// Numbers that are looked at together.
+/// Number of values that are processed together.
 pub(crate) const LANES: usize = 8;
 
-/// Strengths of a row from the sums in the rows around it; what is below `cut`
-/// may be 0. Returns the greatest.
+/// Computes the strengths of a row from the sums in the rows around it. A strength below `cut` may
+/// be written as 0. Returns the greatest strength.
 #[cfg_attr(feature = "dispatch", multiversion::multiversion(targets("x86_64+avx2")))]
 fn strengths(sums: [&[f32]; 3], cut: f32, out: &mut [f32]) -> f32 {
     let w = out.len();
@@ -172,7 +176,7 @@ fn strengths(sums: [&[f32]; 3], cut: f32, out: &mut [f32]) -> f32 {
     most.iter().chain(rest).fold(0.0, |m, &v| max(m, v))
 }
 
-/// The same of the sums that [`sums_one_by_one`] makes.
+/// Does the work of [`strengths`] on sums that [`sums_one_by_one`] has made.
 fn strengths_one_by_one([above, here, below]: [&[[f32; 3]]; 3], cut: f32, out: &mut [f32]) -> f32 {
     let mut most = 0.0;
     for (out, ((p, q), r)) in out.iter_mut().zip(above.iter().zip(here).zip(below)) {
@@ -192,13 +196,14 @@ fn strengths_one_by_one([above, here, below]: [&[[f32; 3]]; 3], cut: f32, out: &
     most
 }
 
-/// Finds the corners of `luma`, in no particular order: rank them next.
+/// Finds the corners of `luma` and writes them into `out` in no particular order. The next step is
+/// to rank them.
 ///
-/// `scratch` needs [`SCRATCH_ROWS`] times the width; `out` is cleared first. Its
-/// capacity bounds the candidates.
+/// `scratch` needs [`SCRATCH_ROWS`] times the width of `luma`. `out` is cleared first. Its capacity
+/// is the maximum number of candidates.
 ///
 /// # Panics
-/// When `scratch` is too short or the image has a side under 3 px.
+/// Panics when `scratch` is too short, or when a side of the image is shorter than 3 px.
 pub fn detect_corners(
     luma: Plane<'_, u8>,
     params: &CornerParams,
@@ -275,11 +280,11 @@ impl Pass for OneByOne {
     fn each_peak(around: [&[f32]; 3], margin: usize, mut found: impl FnMut(usize)) {
         let [left, here, right] = beside(around);
         let (mut x, end) = (margin - 1, around[1].len() - 1 - margin);
-        // Most are 0.
+        // Most strengths are 0.
         while let Some(next) = here[1][x.min(end)..end].iter().position(|v| v.to_bits() != 0) {
             x += next;
             let v = here[1][x];
-            // What follows one that is not exceeded by it is no peak.
+            // A pixel that does not exceed the pixel before it is no peak and is skipped.
             let falls = v >= right[1][x];
             let across = || v > here[0][x] && v >= here[2][x];
             let aslant = || v > left[0][x] && v > right[0][x] && v >= left[2][x] && v >= right[2][x];
@@ -362,11 +367,12 @@ fn detect_by<P: Pass>(
     kept.finish()
 }
 
-/// Pixels of a row that are looked at for peaks together.
+/// Number of pixels of a row that are tested for peaks together.
 const STRIP: usize = 16 * LANES;
 
-/// Whether no neighbour exceeds the strength of a pixel of the middle row (of equals the first
-/// in reading order wins), 1 or 0 for all but its first and last.
+/// Writes 1 for each pixel of the middle row that is a peak, and 0 for each other pixel. A peak is
+/// a pixel whose strength no neighbour exceeds. Of equal neighbours only the first in reading order
+/// is a peak. The first and the last pixel of the row are not tested.
 #[cfg_attr(feature = "dispatch", multiversion::multiversion(targets("x86_64+avx2")))]
 fn find_peaks(around: [&[f32]; 3], out: &mut [u8; STRIP]) {
     let [[t0, m0, l0], [t1, m1, l1], [t2, m2, l2]] = beside(around);
@@ -378,42 +384,43 @@ fn find_peaks(around: [&[f32]; 3], out: &mut [u8; STRIP]) {
     }
 }
 
-/// Rows from their first pixel on, from their second and from their third: what lies left of a
-/// pixel, the pixel, and what lies right of it.
+/// Returns the rows from their first, from their second and from their third pixel on. At one index
+/// these hold the left neighbour of a pixel, the pixel, and its right neighbour.
 fn beside(rows: [&[f32]; 3]) -> [[&[f32]; 3]; 3] {
     let n = rows[1].len() - 2;
     [0, 1, 2].map(|d| rows.map(|row| &row[d..][..n]))
 }
 
-/// Three rows.
+/// Splits a slice into three rows of equal length.
 fn thirds(rows: &mut [f32]) -> [&mut [f32]; 3] {
     let (a, rest) = rows.split_at_mut(rows.len() / 3);
     let (b, c) = rest.split_at_mut(a.len());
     [a, b, c]
 }
 
-/// A strength as corners have it.
+/// Returns a strength as the integer that a [`Corner`] holds.
 #[allow(clippy::cast_possible_truncation, reason = "strengths are below 2^25")]
 const fn whole(strength: f32) -> i32 {
     strength as i32
 }
 
-/// The corner at `x` of the middle row, a local maximum.
+/// Returns the corner at column `x` of the middle row, which is row `y` of the image. The pixel
+/// must be a local maximum.
 fn corner_at([top, mid, low]: [&[f32]; 3], x: usize, y: usize) -> Corner {
     let at = |i: usize, d: i16| i16::try_from(i).unwrap_or(i16::MAX / 16).saturating_mul(16).saturating_add(d);
     let point = Point::new(at(x, vertex(mid[x - 1], mid[x], mid[x + 1])), at(y, vertex(top[x], mid[x], low[x])));
     Corner { point, strength: whole(mid[x]), radius2: 0 }
 }
 
-/// Where the parabola through `l`, `v`, `r` at -1, 0, 1 has its top, in 1/16;
-/// within half a pixel.
+/// Returns where the parabola through `l`, `v`, `r` at -1, 0, 1 has its top, in 1/16 px. The result
+/// is within half a pixel.
 #[allow(clippy::cast_possible_truncation, reason = "clamped")]
 fn vertex(l: f32, v: f32, r: f32) -> i16 {
     let bend = 2.0 * v - l - r;
     if bend > 0.0 { ((r - l) * 8.0 / bend).clamp(-7.0, 7.0) as i16 } else { 0 }
 }
 
-/// Keeps the stronger half and returns the weakest strength that is left.
+/// Keeps the stronger half of the corners. Returns the weakest strength that is left.
 fn drop_weaker_half(corners: &mut VecView<Corner>, stats: &mut StageStats) -> i32 {
     let half = corners.len() / 2;
     if half == 0 {
@@ -425,8 +432,8 @@ fn drop_weaker_half(corners: &mut VecView<Corner>, stats: &mut StageStats) -> i3
     corners[half - 1].strength
 }
 
-/// Strongest first; of equals the one that comes first in reading order. One number, since
-/// sorting compares little else.
+/// Returns a key that sorts the strongest corner first. Of equally strong corners the first in
+/// reading order comes first. The key is one number, because sorting mostly compares.
 pub(crate) fn by_strength(c: &Corner) -> u64 {
     let [strength, y, x] =
         [c.strength, i32::from(c.point.y), i32::from(c.point.x)].map(i32::cast_unsigned).map(u64::from);
@@ -438,7 +445,7 @@ mod tests {
     use super::*;
     use heapless::Vec;
 
-    /// Draws a map of `.` (dark) and `#` (bright) and marks the corners found.
+    /// Finds the corners of a map of `.` (dark) and `#` (bright), and marks them in the map.
     fn corner_map(picture: &[&str]) -> std::vec::Vec<std::string::String> {
         let (w, h) = (picture[0].len(), picture.len());
         let data: std::vec::Vec<u8> =
@@ -510,7 +517,7 @@ wanted:
 
     #[test]
     fn a_full_buffer_keeps_the_strongest_and_counts_the_rest() {
-        // Isolated dots, each brighter than the one before it.
+        // The picture has isolated dots. Each dot is brighter than the one before it.
         let (w, h) = (120, 16);
         let mut data = std::vec![20u8; w * h];
         for i in 0..14 {

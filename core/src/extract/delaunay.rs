@@ -1,17 +1,18 @@
-//! Delaunay triangulation in fixed memory, with its nested levels.
+//! Makes a Delaunay triangulation in fixed memory, with its nested levels.
 //!
-//! In: points in the order of their rank. Out: the union of the triangles of
-//! the Delaunay triangulations of several prefixes of that order ("levels"),
-//! each triangle once. Points are inserted one at a time (Bowyer, Watson, 1981):
-//! walk to a triangle in conflict, remove all whose open circumcircle holds the
-//! point, join the rim of the hole to it. A ghost vertex closes the hull, so
-//! that the hull needs no cases of its own; the predicates are exact, so that
-//! no input can break it. Which triangles are new at a level falls out of the
-//! insertion count at their birth.
+//! In: points in the order of their rank. Out: the triangles of the Delaunay triangulations of
+//! several prefixes of that order ("levels"), each triangle once.
 //!
-//! Memory: 46 bytes a point ([`Triangulation`]). Cost: a walk of some
-//! sqrt(n) steps and about six new triangles a point. Full: points beyond the
-//! capacity are counted as dropped; duplicates are left out.
+//! Points are inserted one at a time (Bowyer, Watson, 1981). The algorithm walks to a triangle in
+//! conflict with the point, removes all triangles whose open circumcircle holds the point, and
+//! joins the rim of the hole to it. A ghost vertex closes the hull, so that the hull needs no cases
+//! of its own. The predicates are exact, so that no input can break the algorithm. Each triangle
+//! keeps the number of points that were inserted at its birth. This number says at which level it
+//! is new.
+//!
+//! Memory: 46 bytes a point ([`Triangulation`]). Cost: a walk of some sqrt(n) steps and about six
+//! new triangles a point. Full: points beyond the capacity are counted as dropped. Duplicates are
+//! left out.
 
 use heapless::VecView;
 
@@ -24,37 +25,36 @@ pub type Triple = [u16; 3];
 /// The vertex at infinity.
 const GHOST: u16 = u16::MAX;
 
-/// One triangle: edge `i` runs from `vertices[i]` to `vertices[(i + 1) % 3]`,
-/// and `neighbours[i]` lies across it. Real triangles have positive
-/// orientation; in a ghost triangle the outside of the hull lies to the
-/// positive side of its real edge.
+/// One triangle. Edge `i` runs from `vertices[i]` to `vertices[(i + 1) % 3]`, and `neighbours[i]`
+/// lies across it. Real triangles have positive orientation. In a ghost triangle the outside of the
+/// hull lies on the positive side of its real edge.
 #[derive(Clone, Copy, Debug)]
 struct Triangle {
     vertices: [u16; 3],
     neighbours: [u16; 3],
-    /// Points inserted when it was made; 0 in an unused slot.
+    /// Number of points that were inserted when the triangle was made; 0 in an unused slot.
     born: u16,
 }
 
 impl Triangle {
     const EMPTY: Self = Self { vertices: [0; 3], neighbours: [0; 3], born: 0 };
 
-    /// Index of the ghost among the vertices.
+    /// Returns the index of the ghost among the vertices. Returns `None` for a real triangle.
     fn ghost(&self) -> Option<usize> {
         self.vertices.iter().position(|&v| v == GHOST)
     }
 }
 
-/// Working memory for up to `N` points: every triangulation of `n` points and
-/// the ghost has `2 n - 2` triangles.
+/// Working memory for up to `N` points. Every triangulation of `n` points and the ghost has
+/// `2 n - 2` triangles.
 #[derive(Debug)]
 pub struct Triangulation<const N: usize> {
     triangles: [[Triangle; 2]; N],
     /// Triangles in conflict with the point that is being inserted.
     conflicts: [[u16; 2]; N],
-    /// Edges of the hole that it leaves: from, to, triangle outside.
+    /// Edges of the hole that these triangles leave: from, to, triangle outside.
     rim: [[[u16; 3]; 2]; N],
-    /// The new triangle whose rim edge starts at a vertex.
+    /// For each vertex, the new triangle whose rim edge starts there.
     starts: [u16; N],
 }
 
@@ -67,14 +67,14 @@ impl<const N: usize> Default for Triangulation<N> {
 impl<const N: usize> Triangulation<N> {
     const FITS: () = assert!(N >= 3 && N <= 16_000, "ids are u16: lower N");
 
-    /// An empty triangulation.
+    /// Makes an empty triangulation.
     #[must_use]
     pub const fn new() -> Self {
         let () = Self::FITS;
         Self { triangles: [[Triangle::EMPTY; 2]; N], conflicts: [[0; 2]; N], rim: [[[0; 3]; 2]; N], starts: [0; N] }
     }
 
-    /// The memory as the stage functions take it.
+    /// Returns the memory in the form that the stage functions take.
     pub fn workspace(&mut self) -> Workspace<'_> {
         Workspace {
             triangles: self.triangles.as_flattened_mut(),
@@ -86,7 +86,7 @@ impl<const N: usize> Triangulation<N> {
     }
 }
 
-/// [`Triangulation`] without its const generic.
+/// A borrowed [`Triangulation`] without its const generic.
 #[derive(Debug)]
 pub struct Workspace<'a> {
     triangles: &'a mut [Triangle],
@@ -97,24 +97,24 @@ pub struct Workspace<'a> {
 }
 
 impl Workspace<'_> {
-    /// Points that fit.
+    /// Returns the maximum number of points.
     #[must_use]
     pub const fn capacity(&self) -> usize {
         self.starts.len()
     }
 
-    /// The workspace for one call of [`triangulate`].
+    /// Returns the workspace for one call of [`triangulate`].
     pub fn reborrow(&mut self) -> Workspace<'_> {
         let Self { triangles, conflicts, rim, starts, ghost_start } = self;
         Workspace { triangles, conflicts, rim, starts, ghost_start: *ghost_start }
     }
 }
 
-/// Triangulates prefixes of `points` and appends every triangle that is Delaunay
-/// in one of them to `out`, each once, indices in positive orientation.
+/// Triangulates prefixes of `points` and appends to `out` every triangle that is Delaunay in one of
+/// them. Each triangle is appended once, with its indices in positive orientation.
 ///
-/// `levels` are the prefix lengths in ascending order; lengths beyond the number
-/// of points stand for all of them. `seen` in the statistics counts triangles.
+/// `levels` are the lengths of the prefixes in ascending order. A length beyond the number of
+/// points stands for all points. `seen` in the statistics counts triangles.
 pub fn triangulate(points: &[Point], levels: &[usize], work: Workspace<'_>, out: &mut VecView<Triple>) -> StageStats {
     let mut stats = StageStats::default();
     let capacity = work.capacity();
@@ -130,8 +130,8 @@ pub fn triangulate(points: &[Point], levels: &[usize], work: Workspace<'_>, out:
     for &level in levels {
         let level = level.min(points.len());
         for i in previous..level {
-            // The third vertex of the first triangle may come late in the order;
-            // by then it is in the mesh, and inserting it again changes nothing.
+            // The third vertex of the first triangle may come late in the order. By then it is in
+            // the mesh, and inserting it again changes nothing.
             if i != 0 && i != usize::from(second) && i != usize::from(third) {
                 mesh.insert(i);
             }
@@ -154,7 +154,8 @@ pub fn triangulate(points: &[Point], levels: &[usize], work: Workspace<'_>, out:
     stats
 }
 
-/// The second point apart from the first, and the first off their line.
+/// Returns the index of the first point that differs from point 0, and the index of the first point
+/// off the line through these two. Returns `None` when all points lie on one line.
 fn first_triangle(points: &[Point]) -> Option<(u16, u16)> {
     let first = *points.first()?;
     let second = points.iter().position(|&p| p != first)?;
@@ -167,7 +168,7 @@ struct Mesh<'a> {
     work: Workspace<'a>,
     used: usize,
     inserted: u16,
-    /// A triangle near the last insertion: where the next walk starts.
+    /// A triangle near the last insertion, where the next walk starts.
     last: usize,
 }
 
@@ -176,7 +177,7 @@ impl Mesh<'_> {
         self.points[usize::from(v)]
     }
 
-    /// One real triangle and the three ghosts around it.
+    /// Makes one real triangle and the three ghost triangles around it.
     fn start(&mut self, [a, b, c]: Triple) {
         let [a, b, c] = if orient(self.at(a), self.at(b), self.at(c)) > 0 { [a, b, c] } else { [a, c, b] };
         self.inserted = 3;
@@ -189,8 +190,8 @@ impl Mesh<'_> {
         self.last = 0;
     }
 
-    /// Whether the open circumcircle of triangle `t` holds `p`. That of a ghost
-    /// is the open half-plane beyond its edge, and the open edge itself.
+    /// Returns whether the open circumcircle of triangle `t` holds `p`. The circumcircle of a ghost
+    /// triangle is the open half-plane beyond its edge together with the open edge.
     fn conflicts(&self, t: usize, p: Point) -> bool {
         let v = self.work.triangles[t].vertices;
         match self.work.triangles[t].ghost() {
@@ -205,7 +206,7 @@ impl Mesh<'_> {
         }
     }
 
-    /// Walks towards `p` to a triangle in conflict with it; `None` when `p` is
+    /// Walks towards `p` and returns a triangle in conflict with it. Returns `None` when `p` is
     /// already a vertex.
     fn locate(&self, p: Point) -> Option<usize> {
         let mut t = self.last;
@@ -237,8 +238,8 @@ impl Mesh<'_> {
         let Ok(id) = u16::try_from(i) else { return };
         self.inserted += 1;
 
-        // The hole: all triangles in conflict, found from the first by their
-        // neighbours. `born` is 0 while a triangle is marked for removal.
+        // The hole consists of all triangles in conflict. They are found from the first one through
+        // their neighbours. `born` is 0 while a triangle is marked for removal.
         self.work.conflicts[0] = index(seed);
         self.work.triangles[seed].born = 0;
         let (mut n, mut next) = (1, 0);
@@ -255,7 +256,7 @@ impl Mesh<'_> {
             }
         }
 
-        // Its rim, before any slot is used again.
+        // The rim is read before any slot is used again.
         let mut edges = 0;
         for k in 0..n {
             let t = &self.work.triangles[usize::from(self.work.conflicts[k])];
@@ -268,7 +269,7 @@ impl Mesh<'_> {
         }
         debug_assert_eq!(edges, n + 2, "the hole is a disc");
 
-        // A triangle from each rim edge to p, in the hole's slots and two more.
+        // A new triangle joins each rim edge to p. These use the slots of the hole and two more.
         let slot = |k: usize, work: &Workspace<'_>| if k < n { work.conflicts[k] } else { index(self.used + k - n) };
         for k in 0..edges {
             let [a, b, outer] = self.work.rim[k];
@@ -283,7 +284,7 @@ impl Mesh<'_> {
             }
             *start_of(&mut self.work, a) = t;
         }
-        // Neighbours around p: across (b, p) lies the triangle that starts at b.
+        // The neighbours around p are linked: across (b, p) lies the triangle that starts at b.
         for k in 0..edges {
             let [_, b, _] = self.work.rim[k];
             let t = slot(k, &self.work);
@@ -296,7 +297,7 @@ impl Mesh<'_> {
     }
 }
 
-/// Where the new triangle whose rim edge starts at `v` is noted.
+/// Returns the place that notes the new triangle whose rim edge starts at `v`.
 fn start_of<'a>(work: &'a mut Workspace<'_>, v: u16) -> &'a mut u16 {
     if v == GHOST { &mut work.ghost_start } else { &mut work.starts[usize::from(v)] }
 }
@@ -311,7 +312,7 @@ mod tests {
     use heapless::Vec;
     use std::prelude::rust_2024::*;
 
-    /// Numbers in the map are points in the order of their rank.
+    /// Returns the points of a map. The digits in the map are the ranks of the points.
     fn points(map: &[&str]) -> std::vec::Vec<Point> {
         let mut found: std::vec::Vec<(u8, Point)> = std::vec::Vec::new();
         for (y, row) in map.iter().enumerate() {

@@ -1,23 +1,24 @@
-//! What a keygraph looks like, in up to 36 bytes that neither light nor pose change.
+//! Describes what a keygraph looks like, in up to 36 bytes that neither light nor pose change.
 //!
-//! In: the pyramid and three vertices in canonical order. Out: bytes, luma first,
-//! then pairs of chroma. Two ways of sampling:
+//! In: the pyramid and three vertices in canonical order. Out: bytes of luma, then pairs of chroma.
+//! There are two ways of sampling.
 //!
-//! [`Sampling::Patch`], ours: three vertices are an affine frame, so that a point
-//! given in it is the same point of the object under any turn, scale and tilt. 24
-//! of luma and 6 of chroma are taken on rings in and around the triangle; its own
-//! mean is taken away and its own spread divided by, luma and chroma each, which
-//! survives other cameras and lamps. A spread below a floor counts as that floor,
-//! so that flat regions give small numbers and not amplified noise.
+//! [`Sampling::Patch`] is ours. Three vertices are an affine frame: a point given in it is the same
+//! point of the object under any turn, scale and tilt. 24 samples of luma and 6 of chroma are taken
+//! on rings in and around the triangle. Luma and chroma are normalised separately: their mean is
+//! subtracted, and they are divided by their spread. The result is the same with other cameras and
+//! lamps. A spread below a floor counts as that floor, so that flat regions give small numbers and
+//! not amplified noise.
 //!
-//! [`Sampling::Segments`], the paper's corner chrominance (section 3.3): at each
-//! vertex, the points at a third of both adjacent edges are joined; four segments
-//! run from the vertex to that line, ending at (s + 1/2)/4 of it; a component is
-//! the mean of the pixels on a segment, as it is.
+//! [`Sampling::Segments`] is the paper's corner chrominance (section 3.3). At each vertex a line
+//! joins the points at a third of both adjacent edges. Four segments run from the vertex to that
+//! line and end at (s + 1/2)/4 of it. A component is the mean of the pixels on a segment, without
+//! normalisation.
 //!
-//! Samples come from the pyramid level whose pixels are about as far apart as they
-//! are. Memory: none. Cost: 24 bilinear samples of luma and 6 of chroma a keygraph;
-//! the paper's, 48 of each.
+//! Samples come from the pyramid level whose pixels are about as far apart as the samples are.
+//!
+//! Memory: none. Cost: 24 bilinear samples of luma and 6 of chroma a keygraph; 48 of each for the
+//! paper's sampling.
 
 use crate::base::capacity::{FEATURE_BYTES, LEVELS};
 use crate::base::geometry::Point;
@@ -25,19 +26,20 @@ use crate::base::math::{self, VECTORS};
 use crate::image::frame::NO_CHROMA;
 use crate::image::pyramid::{PyramidView, nearest};
 
-/// Segments of a keygraph: four at each of its three corners.
+/// Number of segments of a keygraph: four at each of its three corners.
 pub const SEGMENTS: usize = 12;
-/// Samples on a segment.
+/// Number of samples on a segment.
 pub const SAMPLES: i32 = 4;
 /// The byte that stands for zero.
 pub const ZERO: u8 = 128;
-/// Steps of one spread.
+/// Number of steps of a byte that one spread covers.
 const STEPS: f32 = 40.0;
-/// Least spread of luma, gray levels, and of chroma, 1/127 of full saturation.
+/// Minimum spread of luma, in gray levels. `CHROMA_FLOOR` is the minimum spread of chroma, in 1/127
+/// of full saturation.
 const LUMA_FLOOR: f32 = 3.0;
 const CHROMA_FLOOR: f32 = 4.0;
 
-/// What a feature is made of.
+/// The planes that a feature is made of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
@@ -51,7 +53,7 @@ pub enum FeatureKind {
 }
 
 impl FeatureKind {
-    /// The name used in reports and JSON.
+    /// Returns the name of the kind in reports and JSON.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -62,18 +64,18 @@ impl FeatureKind {
     }
 }
 
-/// Where a feature is sampled.
+/// The places at which a feature is sampled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Sampling {
-    /// On segments in the corners, absolute: the paper.
+    /// On segments in the corners of the triangle, with absolute values, as in the paper.
     Segments,
-    /// In and around the triangle, relative to its own mean and spread.
+    /// In and around the triangle, relative to the mean and the spread of the samples.
     Patch,
 }
 
 impl Sampling {
-    /// Bytes of luma and of chroma.
+    /// Returns the numbers of bytes of luma and of chroma.
     const fn parts(self, kind: FeatureKind) -> [usize; 2] {
         let [luma, chroma] = match self {
             Self::Segments => [SEGMENTS, 2 * SEGMENTS],
@@ -86,7 +88,7 @@ impl Sampling {
         }
     }
 
-    /// Bytes of a feature.
+    /// Returns the number of bytes of a feature.
     #[must_use]
     pub const fn bytes(self, kind: FeatureKind) -> usize {
         let [luma, chroma] = self.parts(kind);
@@ -94,8 +96,8 @@ impl Sampling {
     }
 }
 
-/// Points of the affine frame in which the vertices lie at 0, 120 and 240 degrees
-/// on a circle of radius 1: rings of 5, 9 and 10, at radii 0.35, 0.8 and 1.25.
+/// Sample points of luma, in the affine frame in which the vertices lie at 0, 120 and 240 degrees
+/// on a circle of radius 1. They lie on rings of 5, 9 and 10 points at radii 0.35, 0.8 and 1.25.
 #[rustfmt::skip]
 const LUMA_POINTS: [[f32; 2]; 24] = [
     [0.325, 0.129], [-0.022, 0.349], [-0.339, 0.087], [-0.188, -0.296], [0.223, -0.270], [0.800, 0.000],
@@ -103,16 +105,17 @@ const LUMA_POINTS: [[f32; 2]; 24] = [
     [0.139, -0.788], [0.613, -0.514], [1.248, 0.078], [0.963, 0.797], [0.311, 1.211], [-0.460, 1.162],
     [-1.055, 0.670], [-1.248, -0.078], [-0.963, -0.797], [-0.311, -1.211], [0.460, -1.162], [1.055, -0.670],
 ];
-/// Rings of 4 and 2, at radii 1 and 0.35.
+/// Sample points of chroma, in the same frame. They lie on rings of 4 and 2 points at radii 1 and
+/// 0.35.
 const CHROMA_POINTS: [[f32; 2]; 6] =
     [[1.000, 0.000], [0.000, 1.000], [-1.000, 0.000], [0.000, -1.000], [0.206, 0.283], [-0.206, -0.283]];
-/// How far apart the points are, in that circle's radius.
+/// Distance between neighbouring sample points, in radii of the circle through the vertices.
 const SPACING: f32 = 0.32;
 
-/// Bytes of one feature, as many as its kind and sampling have.
+/// Bytes of one feature. Its kind and its sampling say how many of them are used.
 pub type Feature = [u8; FEATURE_BYTES];
 
-/// The feature of the keygraph on `points`, in canonical order, found in
+/// Returns the feature of the keygraph on `points`. The points are in canonical order and lie in level
 /// `level` of `view`. `size` is [`crate::extract::keygraph::Keygraph::size`].
 #[must_use]
 pub fn extract(
@@ -143,7 +146,7 @@ pub fn extract(
             if n > 0 {
                 let mut values = patch.luma(view, false);
                 let (mut mean, mut spread) = luma_spread(&values);
-                // A place outside has no number, which makes the mean none.
+                // A place outside the plane gives NaN, which makes the mean NaN.
                 if mean.is_nan() {
                     values = patch.luma(view, true);
                     (mean, spread) = luma_spread(&values);
@@ -160,19 +163,19 @@ pub fn extract(
     out
 }
 
-/// One bit for each of the first 24 bytes: whether it is above the mean. Features
-/// that are alike differ in few of them, which is told faster than a distance.
+/// Returns one bit for each of the first 24 bytes: whether the byte is above [`ZERO`], the mean.
+/// Features that look alike differ in few bits. Counting these is faster than computing a distance.
 #[must_use]
 pub fn signature(feature: &[u8]) -> u32 {
     feature.iter().take(24).fold(0, |bits, &v| bits << 1 | u32::from(v > ZERO))
 }
 
-/// How far from zero a byte counts in a [`sketch`].
+/// Distance from zero that a byte must exceed to count in a [`sketch`].
 const HALF_SPREAD: u8 = 20;
 
-/// Which of the last 32 bytes of a feature lie half a spread above zero (the low 32 bits, the
-/// last byte the lowest), and which below. Sketches of features that are near each other
-/// differ in few bits.
+/// Returns which of the last 32 bytes of a feature lie more than half a spread above zero (the low
+/// 32 bits), and which lie more than half a spread below (the high 32 bits). The last byte has the
+/// lowest bit of each half. Sketches of features that are near each other differ in few bits.
 #[must_use]
 pub fn sketch(feature: &[u8]) -> u64 {
     let last = &feature[feature.len().saturating_sub(32)..];
@@ -184,7 +187,7 @@ pub fn sketch(feature: &[u8]) -> u64 {
 
 /// An affine frame on a triangle, in px of the level that is sampled.
 struct Patch {
-    /// That level of luma; chroma of the level below has the same px.
+    /// Level of luma that is sampled. The chroma of the level below it has px of the same size.
     level: usize,
     middle: [f32; 2],
     axes: [[f32; 2]; 2],
@@ -195,7 +198,7 @@ impl Patch {
         let p = points.map(Point::px);
         let middle = [0, 1].map(|i| (p[0][i] + p[1][i] + p[2][i]) / 3.0);
         let axes = [[0, 1].map(|i| p[0][i] - middle[i]), [0, 1].map(|i| (p[1][i] - p[2][i]) / 1.732_050_8)];
-        // The root of the area ratio is a mean radius, px of `level`.
+        // The root of the ratio of areas is a mean radius, px of `level`.
         let radius = math::coarse_sqrt((axes[0][0] * axes[1][1] - axes[0][1] * axes[1][0]).abs());
         let above = math::round(math::log2((SPACING * radius).max(1.0)));
         let to = (level + usize::try_from(above).unwrap_or(0)).clamp(1, LEVELS - 1).max(level);
@@ -207,7 +210,8 @@ impl Patch {
         [0, 1].map(|i| self.middle[i] + u * self.axes[0][i] + v * self.axes[1][i])
     }
 
-    /// Brightness at the points; of one outside the plane no number, or that of its edge.
+    /// Returns the brightness at the sample points. A point outside the plane gives the brightness
+    /// at the edge when `clamped` is set, and NaN otherwise.
     fn luma(&self, view: &PyramidView<'_>, clamped: bool) -> [f32; LUMA_POINTS.len()] {
         if !VECTORS && !clamped {
             return self.luma_one_by_one(view);
@@ -235,7 +239,7 @@ impl Patch {
     }
 
     fn chroma(&self, view: &PyramidView<'_>) -> [Option<[f32; 2]>; CHROMA_POINTS.len()] {
-        // A plane of half the size: its level below has the px of luma here.
+        // Chroma has half the size of luma, so the level below has the px of luma here.
         let planes = view.chroma(self.level - 1);
         CHROMA_POINTS.map(|p| {
             let [x, y] = self.at(p).map(math::whole);
@@ -245,22 +249,22 @@ impl Patch {
     }
 }
 
-/// The level whose pixels are about as far apart as the samples are in `level`.
+/// Returns the level whose pixels are about as far apart as the samples are in `level`.
 fn sample_level(level: usize, size: u8) -> usize {
-    // A segment is about 1/3.5 of the longest side: a sample step is 1/14 of it.
+    // A segment is about 1/3.5 of the longest side. The step between samples is 1/14 of that side.
     const STEP: u8 = 61; // 16 log2 14
     let above = usize::from(size.saturating_sub(STEP + 8 - 16) / 16);
     (level + above).min(LEVELS - 1)
 }
 
-/// The sample positions of a keygraph.
+/// The sample positions of a keygraph on its segments.
 struct Bundle {
     points: [Point; 3],
 }
 
 impl Bundle {
-    /// Calls `sample(segment, x, y)`, coordinates in 1/16 px plus half a pixel,
-    /// so that shifting right by four gives the pixel.
+    /// Calls `sample(segment, x, y)` for each position. Coordinates are in 1/16 px plus half a
+    /// pixel, so that a shift to the right by four gives the pixel.
     fn each(&self, mut sample: impl FnMut(usize, i32, i32)) {
         for corner in 0..3 {
             let [v, u, w] = [0, 1, 2].map(|k| {
@@ -269,7 +273,7 @@ impl Bundle {
             });
             for s in 0..4 {
                 let (near, far) = (7 - 2 * s, 2 * s + 1);
-                // 24 times the segment.
+                // `dx` and `dy` are 24 times the segment.
                 let dx = (u.0 - v.0) * near + (w.0 - v.0) * far;
                 let dy = (u.1 - v.1) * near + (w.1 - v.1) * far;
                 let segment = 4 * corner + usize::try_from(s).unwrap_or(0);
@@ -291,7 +295,7 @@ fn luma_means(view: &PyramidView<'_>, level: usize, at: usize, bundle: &Bundle) 
     sums.map(|s| s as f32 / SAMPLES as f32)
 }
 
-/// Mean chroma of each segment; `None` where it has none.
+/// Returns the mean chroma of each segment. A segment without chroma gives `None`.
 fn chroma_means(view: &PyramidView<'_>, level: usize, at: usize, bundle: &Bundle) -> [Option<[f32; 2]>; SEGMENTS] {
     let [a, b] = view.chroma(at);
     let shift = 5 + at - level;
@@ -308,15 +312,15 @@ fn chroma_means(view: &PyramidView<'_>, level: usize, at: usize, bundle: &Bundle
     sums.map(|(a, b, n)| (n > 0).then(|| [a as f32 / n as f32, b as f32 / n as f32]))
 }
 
-/// Mean, and spread about it.
+/// Returns the mean of the values, and their spread about it.
 fn luma_spread(values: &[f32]) -> (f32, f32) {
     let n = values.len() as f32;
     let mean = sum(values, |v| v) / n;
     (mean, math::coarse_sqrt(sum(values, |v| (v - mean) * (v - mean)) / n))
 }
 
-/// Sum over values, of which there are four or a multiple: of every fourth for itself, so that
-/// none waits for the one before.
+/// Returns the sum of `of` over the values, whose number must be a multiple of four. Every fourth
+/// value goes to the same partial sum, so that no addition waits for the one before it.
 fn sum(values: &[f32], of: impl Fn(f32) -> f32) -> f32 {
     let mut sums = [0.0; 4];
     for group in values.as_chunks::<4>().0 {
@@ -327,7 +331,7 @@ fn sum(values: &[f32], of: impl Fn(f32) -> f32) -> f32 {
     (sums[0] + sums[1]) + (sums[2] + sums[3])
 }
 
-/// Mean of the chroma that there is, and the spread of a component about it.
+/// Returns the mean of the values that have chroma, and the spread of one component about it.
 fn chroma_spread(values: &[Option<[f32; 2]>]) -> ([f32; 2], f32) {
     let known = || values.iter().flatten();
     let n = (known().count() as f32).max(1.0);
@@ -364,8 +368,8 @@ mod tests {
 
     type Small = Pyramid<{ 64 * 64 * 2 }, { 32 * 32 * 2 }>;
 
-    /// A frame that is dark and blue on the left of `x = 32`, bright and red on
-    /// its right, seen through a gain.
+    /// Makes a frame that is dark and blue left of `x = 32` and bright and red right of it. All
+    /// values are multiplied by `gain`.
     fn picture(gain: f32) -> std::boxed::Box<Small> {
         let rgb: std::vec::Vec<u8> = (0..64 * 64)
             .flat_map(|i| if i % 64 < 32 { [60.0, 60.0, 120.0] } else { [200.0, 80.0, 60.0] })
@@ -409,7 +413,7 @@ mod tests {
         assert!(distance(Sampling::Segments) > 200, "{}", distance(Sampling::Segments));
     }
 
-    /// A smooth texture, seen under an affine map.
+    /// Makes a frame of a smooth texture, seen under an affine map.
     fn texture(map: impl Fn(f32, f32) -> [f32; 2]) -> std::boxed::Box<Small> {
         let rgb: std::vec::Vec<u8> = (0..64 * 64)
             .flat_map(|i| {
@@ -427,7 +431,7 @@ mod tests {
     #[test]
     fn a_patch_stays_alike_when_the_object_turns_and_tilts() {
         let here = [[20.0, 22.0], [44.0, 26.0], [30.0, 46.0f32]];
-        // Frame px of a turned, squeezed copy, and back.
+        // `there` leads to frame px of a turned, squeezed copy, and `back` is its inverse.
         let (c, s) = (0.8f32, 0.6);
         let there = |[x, y]: [f32; 2]| {
             let (x, y) = ((x - 32.0) * 0.75, y - 32.0);

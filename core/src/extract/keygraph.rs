@@ -1,13 +1,13 @@
-//! Keygraphs: thick scalene triangles of keypoints, in canonical order.
+//! Makes keygraphs: thick scalene triangles of keypoints, in canonical order.
 //!
-//! In: triples of points. Out: those whose angles are large and different
-//! enough, with their vertices in ascending order of angle, and the key that
-//! partitions them: orientation of that order, second-largest and largest angle
-//! (M. Hashimoto, R. Cesar, *A Keygraph Classification Framework for Real-Time
-//! Object Detection*, section 3.2).
+//! In: triples of points. Out: the triples whose angles are large enough and different enough, each
+//! with its vertices in ascending order of angle and with the key that partitions them. The key
+//! consists of the orientation of that order, the second-largest angle and the largest angle (M.
+//! Hashimoto, R. Cesar, *A Keygraph Classification Framework for Real-Time Object Detection*,
+//! section 3.2).
 //!
-//! Memory: 12 bytes a keygraph. Cost: three arc tangents a triple. Full: later
-//! triples are counted as dropped (triples come coarse levels first).
+//! Memory: 12 bytes a keygraph. Cost: three arc tangents a triple. Full: later triples are counted
+//! as dropped. Triples of coarse levels come first.
 
 use core::mem::swap;
 
@@ -18,53 +18,50 @@ use crate::base::geometry::{Circle, Point, orient};
 use crate::base::math;
 use crate::extract::delaunay::Triple;
 
-/// Subsets of the partition that a keygraph can fall into: two orientations, 18
-/// bins of 5 degrees for the second-largest angle (under 90), 24 for the largest
-/// (60 to 180). The paper's 2 x 36 x 36 bins with the impossible ones left out.
+/// Number of subsets of the partition. There are two orientations, 18 bins of 5 degrees for the
+/// second-largest angle (below 90), and 24 for the largest (60 to 180). These are the paper's 2 x
+/// 36 x 36 bins without the impossible ones.
 pub const CELLS: usize = 2 * SECOND_BINS * LARGEST_BINS;
-/// Bins of the second-largest angle.
+/// Number of bins of the second-largest angle.
 pub const SECOND_BINS: usize = 18;
-/// Bins of the largest angle.
+/// Number of bins of the largest angle.
 pub const LARGEST_BINS: usize = 24;
-/// Half-degrees in a bin.
+/// Width of a bin, half-degrees.
 pub const BIN: u8 = 10;
 
-/// Which triples are keygraphs.
+/// The rule that says which triples are keygraphs.
 #[derive(Clone, Copy, Debug)]
 pub struct Scalene {
-    /// Every angle is at least this, degrees. Thin triangles have badly
-    /// determined angles; the paper uses 5.
+    /// Minimum angle, degrees. The angles of thin triangles are badly determined. The paper uses 5.
     pub min_angle_deg: f32,
-    /// Any two angles differ by at least this, degrees; else the order of the
-    /// vertices is a matter of noise. The paper uses 5.
+    /// Minimum difference between two angles, degrees. Below it noise decides the order of the
+    /// vertices. The paper uses 5.
     pub min_difference_deg: f32,
-    /// Every side is at least this long, px: a pixel of noise turns a side of
-    /// 10 px by up to 5.7 degrees.
+    /// Minimum length of a side, px. A pixel of noise turns a side of 10 px by up to 5.7 degrees.
     pub min_side_px: f32,
 }
 
-/// What the partition is made by, in steps of half a degree.
+/// The key of the partition, in steps of half a degree.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Key {
-    /// Whether the vertices in ascending order of angle have negative
-    /// orientation.
+    /// Whether the vertices in ascending order of angle have negative orientation.
     pub mirrored: bool,
     /// Second-largest angle, half-degrees.
     pub second: u8,
-    /// Largest angle less 60 degrees, half-degrees.
+    /// Largest angle minus 60 degrees, half-degrees.
     pub largest: u8,
 }
 
 impl Key {
-    /// The subset, below [`CELLS`], that the key falls into.
+    /// Returns the index of the subset that the key falls into, below [`CELLS`].
     #[must_use]
     pub fn cell(self) -> usize {
         cell_of(self.mirrored, self.second / BIN, self.largest / BIN)
     }
 }
 
-/// The subset of an orientation and two bins (clamped).
+/// Returns the index of the subset of an orientation and two bins. Bins are clamped.
 #[must_use]
 pub fn cell_of(mirrored: bool, second_bin: u8, largest_bin: u8) -> usize {
     let second = usize::from(second_bin).min(SECOND_BINS - 1);
@@ -78,26 +75,26 @@ pub fn cell_of(mirrored: bool, second_bin: u8, largest_bin: u8) -> usize {
 pub struct Keygraph {
     /// Indices of the vertices, in ascending order of their angle.
     pub vertices: Triple,
-    /// Partition key.
+    /// Key of the partition.
     pub key: Key,
-    /// Length of the longest side: `16 log2(px)`, in the level it was found in.
+    /// Length of the longest side as `16 log2(px)`, in the level in which the keygraph was found.
     pub size: u8,
-    /// Shortest side, px, saturating.
+    /// Length of the shortest side, px, saturating.
     pub shortest: u8,
-    /// Pyramid level that the vertices were found in.
+    /// Pyramid level in which the vertices were found.
     pub level: u8,
 }
 
 impl Keygraph {
-    /// The keygraph on three points, if `rule` lets it be one. `ids` name the
-    /// points.
+    /// Makes the keygraph on three points, whose ids are `ids`. Returns `None` when `rule` does not
+    /// allow it.
     #[must_use]
     pub fn new(points: [Point; 3], ids: Triple, rule: &Scalene) -> Option<Self> {
         let side2 = |i: usize| points[(i + 1) % 3].distance2(points[(i + 2) % 3]);
-        // Side i lies opposite to vertex i, so vertices and sides sort alike.
+        // Side i lies opposite to vertex i, so that vertices and sides have the same order.
         let sides = [side2(0), side2(1), side2(2)];
         let (mut s, mut m, mut l) = (0usize, 1, 2);
-        // A library sort of three costs 2 KB of code.
+        // A sort of the library takes 2 KB of code for these three.
         if sides[s] > sides[m] {
             swap(&mut s, &mut m);
         }
@@ -138,8 +135,8 @@ impl Keygraph {
     }
 }
 
-/// Appends the keygraphs among `triples`, which index `points`; their vertices
-/// are numbered from `first` on, and they carry `level`.
+/// Appends the keygraphs among `triples` to `out`. The triples are indices into `points`. The
+/// vertices of a keygraph are numbered from `first` on, and it carries `level`.
 pub fn collect_keygraphs(
     points: &[Point],
     triples: &[Triple],
@@ -161,14 +158,15 @@ pub fn collect_keygraphs(
     stats
 }
 
-/// Costs above this are not worth their bytes.
+/// Maximum cost of a triple that is worth its bytes.
 pub(crate) const MAX_COST: u32 = 15;
 pub(crate) const COSTS: usize = MAX_COST as usize + 1;
 
-/// How unlikely a frame's triangulation is to contain the triple of `n` ranked points whose
-/// last index is its largest: two for each point before the last that lies in its circumcircle,
-/// one for each that is ranked soon after ([`crate::model::train`] says why); above [`MAX_COST`] it is
-/// not counted to the end.
+/// Returns how unlikely it is that the triangulation of a frame contains the triple `[i, j, k]` of
+/// `n` ranked points; `k` must be the largest index. Each point in the circumcircle of the triple
+/// costs two when it is ranked before `k`, and one when it is ranked soon after
+/// ([`crate::model::train`] says why). Counting stops above [`MAX_COST`]. Three points on a line
+/// cost `u32::MAX`.
 pub(crate) fn cost(point: impl Fn(usize) -> Point, n: usize, [i, j, k]: [usize; 3]) -> u32 {
     let (a, mut b, mut c) = (point(i), point(j), point(k));
     match orient(a, b, c) {
@@ -179,7 +177,7 @@ pub(crate) fn cost(point: impl Fn(usize) -> Point, n: usize, [i, j, k]: [usize; 
     let circle = Circle::through(a, b, c);
     let mut cost = 0;
     for l in 0..n.min(2 * k + 1) {
-        // The vertices themselves lie on it, not in it.
+        // The vertices themselves lie on the circle, not in it.
         if circle.holds(point(l)) {
             cost += if l < k { 2 } else { 1 };
             if cost > MAX_COST {
@@ -202,7 +200,8 @@ mod tests {
 
     #[test]
     fn a_right_triangle_has_its_angles() {
-        // 3-4-5: 36.87, 53.13 and 90 degrees; the right angle at the first point.
+        // A 3-4-5 triangle has 36.87, 53.13 and 90 degrees. The right angle lies at the first
+        // point.
         let k = at([[10, 10], [50, 10], [10, 40]]).unwrap();
         assert_eq!(k.vertices, [8, 9, 7]);
         assert!(k.key.second.abs_diff(106) <= 1, "{:?}", k.key);
@@ -241,14 +240,14 @@ mod tests {
     fn a_triple_costs_what_would_have_to_be_missed() {
         let p = |x, y| Point::new(x, y);
         let cost = |points: &[Point], triple| cost(|l| points[l], points.len(), triple);
-        // Ranked: two far away, the triangle, one in its circle, one outside.
+        // In the order of rank: one far away, the triangle, one in its circle, one outside.
         let mut points = std::vec![p(900, 900), p(0, 0), p(160, 0), p(0, 160), p(60, 60), p(400, 10)];
         assert_eq!(cost(&points, [1, 2, 3]), 1, "a later corner lies inside");
         points.swap(0, 4);
         assert_eq!(cost(&points, [1, 2, 3]), 2, "an earlier corner lies inside");
         assert_eq!(cost(&points, [1, 3, 2]), cost(&points, [1, 2, 3]), "either orientation");
         assert!(cost(&[p(0, 0), p(5, 5), p(9, 9)], [0, 1, 2]) > MAX_COST, "a line");
-        // Index 2 is the last of the triple: only the four corners after it may count.
+        // Index 2 is the largest of the triple: only the two corners after it count.
         let mut many = std::vec![p(0, 0), p(160, 0), p(0, 160)];
         many.extend([p(50, 50); 10]);
         assert_eq!(cost(&many, [0, 1, 2]), 2);

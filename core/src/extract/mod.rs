@@ -1,6 +1,6 @@
-//! From planes of pixels to keygraphs with features: corners, their ranking, nested Delaunay
-//! triangulations, thick scalene triangles, and what these look like. Frames and training
-//! pictures go through the same code.
+//! This layer turns planes of pixels into keygraphs with features. Its stages find corners, rank
+//! them, join them by nested Delaunay triangulations, keep the thick scalene triangles, and
+//! describe what these look like. Frames and training pictures go through the same code.
 //!
 //! Rule: nothing here knows a model.
 

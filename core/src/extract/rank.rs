@@ -1,10 +1,10 @@
-//! The order of corners: strongest first, or most widely spaced first.
+//! Ranks corners: the strongest first, or the most widely spaced first.
 //!
-//! In: the corners of a level. Out: the same in order, as many as wanted.
+//! In: the corners of a level. Out: the same corners in order, up to a limit.
 //!
-//! Memory: what the caller lends, three numbers for each corner and one for each 16 x 16 px.
-//! Cost: a sort, and the nearest clearly stronger corner of each. Full: those that come last
-//! are dropped and counted.
+//! Memory: what the caller lends, which is three numbers for each corner and one for each 16 x 16
+//! px. Cost: a sort, and a search for the nearest clearly stronger corner of each corner. Full: the
+//! corners that come last are dropped and counted.
 
 use core::cmp::Reverse;
 
@@ -16,19 +16,19 @@ use crate::base::math::{VECTORS, min};
 use crate::base::sort::sort_by_key;
 use crate::extract::corners::{Corner, LANES, by_strength};
 
-/// How corners are put in order.
+/// The order in which corners are put.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ranking {
-    /// By suppression radius: each prefix covers the image evenly.
+    /// By suppression radius. Each prefix then covers the image evenly.
     Radius,
-    /// By strength, this many px apart.
+    /// By strength. Corners are at least this many px apart.
     Strength(u16),
 }
 
 /// Orders corners as `ranking` says, and keeps at most `limit` of them.
 ///
 /// # Panics
-/// When `scratch` is shorter than [`rank_by_radius`] needs.
+/// Panics when `scratch` is shorter than [`rank_by_radius`] needs.
 pub fn rank(
     ranking: Ranking,
     corners: &mut VecView<Corner>,
@@ -42,9 +42,9 @@ pub fn rank(
     }
 }
 
-/// Orders corners strongest first and, where two lie nearer than
-/// `min_distance_px`, keeps the stronger: the plain ranking of OpenCV. At most
-/// `limit` are left; those beyond, far enough from the others, count as dropped.
+/// Orders corners with the strongest first, as OpenCV does. Where two lie nearer to each other than
+/// `min_distance_px`, the stronger is kept. At most `limit` corners are left. Corners beyond the
+/// limit that are far enough from the others count as dropped.
 pub fn rank_by_strength(corners: &mut VecView<Corner>, min_distance_px: u16, limit: usize, stats: &mut StageStats) {
     sort_by_key(corners, by_strength);
     let least2 = i64::from(min_distance_px).pow(2);
@@ -67,18 +67,20 @@ pub fn rank_by_strength(corners: &mut VecView<Corner>, min_distance_px: u16, lim
     stats.kept = count(kept);
 }
 
-/// Orders corners by suppression radius, the distance to the nearest corner
-/// that is stronger even after a discount of a tenth: each prefix then covers
-/// the image evenly (M. Brown, R. Szeliski, S. Winder, *Multi-Image Matching
-/// using Multi-Scale Oriented Patches*, CVPR 2005). At most `limit` are left;
-/// what is cut off is counted as dropped.
+/// Orders corners by suppression radius, largest first. The suppression radius of a corner is the
+/// distance to the nearest corner that is stronger even after a discount of a tenth. Each prefix
+/// then covers the image evenly (M. Brown, R. Szeliski, S. Winder, *Multi-Image Matching using
+/// Multi-Scale Oriented Patches*, CVPR 2005). At most `limit` corners are left. The others count as
+/// dropped.
 ///
-/// `scratch` needs three numbers for each corner and one for each 16 x 16 px. Cost: the stronger
-/// corners around each, as far as the nearest; a corner is given up as soon as it is nearer to one than
-/// `limit` others are to theirs.
+/// `scratch` needs three numbers for each corner and one for each 16 x 16 px.
+///
+/// Cost: for each corner, a look at the stronger corners around it, as far as the nearest. The
+/// search for a corner stops as soon as a stronger one is nearer to it than `limit` others are to
+/// theirs.
 ///
 /// # Panics
-/// When `scratch` is shorter.
+/// Panics when `scratch` is shorter than that.
 pub fn rank_by_radius(corners: &mut VecView<Corner>, limit: usize, scratch: &mut [f32], stats: &mut StageStats) {
     sort_by_key(corners, by_strength);
     let mut reach = Reach::new(limit);
@@ -97,11 +99,12 @@ pub fn rank_by_radius(corners: &mut VecView<Corner>, limit: usize, scratch: &mut
     stats.kept = count(corners.len());
 }
 
-/// Sets the suppression radius of corners, strongest first.
+/// Sets the suppression radii of corners, which are sorted with the strongest first.
 fn set_radii(corners: &mut [Corner], reach: &mut Reach, others: &mut impl Nearest) {
     let mut stronger = 0;
     for i in 0..corners.len() {
-        // Strengths fall, so the clearly stronger ones come first, and become no fewer.
+        // Strengths fall. The clearly stronger corners therefore come first, and their number never
+        // falls.
         let least = i64::from(corners[i].strength) * 10;
         while stronger < i && i64::from(corners[stronger].strength) * 9 >= least {
             others.put(stronger, corners[stronger].point);
@@ -112,18 +115,18 @@ fn set_radii(corners: &mut [Corner], reach: &mut Reach, others: &mut impl Neares
     }
 }
 
-/// Corners of which the nearest to a place is sought.
+/// A set of corners that finds the one nearest to a place.
 trait Nearest {
-    /// Puts in the `i`th corner: one after the other.
+    /// Adds corner number `i`. Corners are added in ascending order.
     fn put(&mut self, i: usize, p: Point);
 
-    /// Squared distance of a place to the nearest of those that have been put in; anything below
-    /// `least` if that is.
+    /// Returns the squared distance from `p` to the nearest corner that has been added. When it is
+    /// below `least` the result may be any number below `least`.
     fn nearest2(&self, corners: &[Corner], p: Point, least: u32) -> u32;
 }
 
-/// Corners in a list, which vectors go through, with the last of each neighbourhood apart: most
-/// places are near to one.
+/// Corners in a list, which is searched with vectors. The last corner of each neighbourhood is also
+/// kept apart, because most places are near to one of these.
 struct List<'a> {
     xs: &'a mut [f32],
     ys: &'a mut [f32],
@@ -157,14 +160,14 @@ impl Nearest for List<'_> {
         for (xs, ys) in xs.chunks(near.len()).zip(ys.chunks(near.len())) {
             nearer2(&mut near, place, xs, ys);
         }
-        // Of floats that are not below 0 the least has the least bits.
+        // Floats that are not below 0 have the same order as their bits.
         let bits = near.iter().fold(i32::MAX, |least, d| least.min(d.to_bits().cast_signed()));
         f32::from_bits(bits.cast_unsigned()) as u32
     }
 }
 
-/// Lowers squared distances to those of other places. Not inlined: sums in registers would
-/// not become vectors.
+/// Lowers each squared distance in `near` where the place at `xs` and `ys` is nearer. The function
+/// is not inlined: sums in registers would not become vectors.
 #[inline(never)]
 fn nearer2(near: &mut [f32], place: [f32; 2], xs: &[f32], ys: &[f32]) {
     for ((near, u), v) in near.iter_mut().zip(xs).zip(ys) {
@@ -176,18 +179,19 @@ fn distance2([x, y]: [f32; 2], [u, v]: [f32; 2]) -> f32 {
     (u - x) * (u - x) + (v - y) * (v - y)
 }
 
-/// The last place put into each cell of a grid, which repeats itself.
+/// The last place that was put into each cell of a grid. The grid repeats itself.
 struct Cells<'a> {
     places: &'a mut [[f32; 2]],
     rows: usize,
 }
 
 impl<'a> Cells<'a> {
-    /// 1/16 px that a cell is wide, in bits, and cells in a row; the next is the first again.
+    /// Width of a cell: 2 to this power, in 1/16 px. `ROW` is the number of cells in a row; after
+    /// the last cell comes the first again.
     const SIZE: u32 = 8;
     const ROW: usize = 32;
 
-    /// As many rows as there is room for.
+    /// Makes as many rows as `scratch` has room for. Their number is a power of two, or 0.
     fn new(scratch: &'a mut [f32]) -> Self {
         let (places, _) = scratch.as_chunks_mut();
         let rows = (places.len() / Self::ROW).checked_ilog2().map_or(0, |bits| 1 << bits);
@@ -201,7 +205,7 @@ impl<'a> Cells<'a> {
         [x, y].map(|v| (v as i32 >> Self::SIZE).cast_unsigned() as usize)
     }
 
-    /// Where a cell is kept.
+    /// Returns the index at which a cell is kept.
     fn index(&self, [x, y]: [usize; 2]) -> usize {
         (y & self.rows.wrapping_sub(1)).wrapping_mul(Self::ROW) + (x & (Self::ROW - 1))
     }
@@ -213,7 +217,8 @@ impl<'a> Cells<'a> {
         }
     }
 
-    /// Whether one in this cell or those around it is nearer than the root of `least`.
+    /// Returns whether a place in this cell or in those around it is nearer than the root of
+    /// `least`.
     fn is_near(&self, place: [f32; 2], least: f32) -> bool {
         const AROUND: [[u8; 2]; 9] = [[1, 1], [1, 0], [0, 1], [2, 1], [1, 2], [0, 0], [2, 0], [0, 2], [2, 2]];
         let [column, row] = Self::cell(place).map(|v| v.wrapping_sub(1));
@@ -224,22 +229,22 @@ impl<'a> Cells<'a> {
     }
 }
 
-/// Corners by the cells of a grid in which they lie, for those who look at one at a time.
-/// Numbers of corners count from 1; 0 is none.
+/// Corners by the cell of a grid in which they lie, for targets that process one corner at a time.
+/// Numbers of corners count from 1; 0 stands for none.
 struct Grid<'a> {
-    /// The last of each cell, row by row.
+    /// Number of the last corner of each cell, row by row.
     last: &'a mut [f32],
-    /// The one before each in its cell.
+    /// For each corner, the number of the corner before it in its cell.
     before: &'a mut [f32],
     columns: usize,
     rows: usize,
 }
 
 impl<'a> Grid<'a> {
-    /// 1/16 px that a cell is wide, in bits.
+    /// Width of a cell: 2 to this power, in 1/16 px.
     const SIZE: u32 = 8;
 
-    /// For these corners, with none in it.
+    /// Makes a grid that is large enough for these corners. It is empty.
     fn new(corners: &[Corner], scratch: &'a mut [f32]) -> Self {
         let most = corners.iter().fold([0; 2], |m: [usize; 2], c| {
             let [x, y] = Self::cell(c.point);
@@ -268,7 +273,7 @@ impl Nearest for Grid<'_> {
     fn nearest2(&self, corners: &[Corner], p: Point, least: u32) -> u32 {
         let ([column, row], place) = (Self::cell(p), [p.x, p.y].map(f32::from));
         let mut near = f32::MAX;
-        // Cells around the place, then those around them.
+        // The search goes through the cell of the place, then through rings of cells around it.
         for ring in 0..self.columns.max(self.rows) {
             for y in row.saturating_sub(ring)..(row + ring + 1).min(self.rows) {
                 let whole = y.abs_diff(row) == ring;
@@ -280,7 +285,7 @@ impl Nearest for Grid<'_> {
                     }
                     let mut number = *cell as usize;
                     while number > 0 {
-                        // In floats as a list does it: far ones are rounded.
+                        // The distance is an `f32`, as in a list: large ones are rounded.
                         let q = corners[number - 1].point;
                         near = min(near, distance2(place, [q.x, q.y].map(f32::from)));
                         number = self.before[number - 1] as usize;
@@ -290,7 +295,7 @@ impl Nearest for Grid<'_> {
                     }
                 }
             }
-            // What lies in other cells is farther.
+            // Corners in cells that have not been searched are at least this far away.
             let reach = (count(ring) << Self::SIZE) as f32;
             if near <= reach * reach {
                 break;
@@ -300,15 +305,15 @@ impl Nearest for Grid<'_> {
     }
 }
 
-/// What `limit` radii reach.
+/// Keeps the squared radius that at least `limit` corners reach.
 struct Reach {
     limit: usize,
-    /// Radii by the bits that their squares have.
+    /// Number of squared radii by their number of bits.
     bits: [u16; 33],
-    /// At least `limit` squares are not below this, which has `low` bits.
+    /// At least `limit` squared radii are not below this number, which has `low` bits.
     least: u32,
     low: usize,
-    /// Squares of `low` bits or more.
+    /// Number of squared radii with `low` bits or more.
     above: usize,
 }
 
@@ -334,7 +339,7 @@ mod tests {
     use super::*;
     use heapless::Vec;
 
-    /// With room for cells of none, few, or all places, the ranking is that of the definition.
+    /// The ranking follows the definition, with room for no cells, for few, or for all.
     #[test]
     fn ranks_are_those_of_the_nearest_clearly_stronger_corner() {
         // Miri takes a thousand times as long.
@@ -361,7 +366,7 @@ mod tests {
         }
     }
 
-    /// Boards use the one, processors with vectors the other.
+    /// Boards use the grid, and processors with vectors use the list.
     #[test]
     fn a_grid_gives_the_radii_of_a_list() {
         const ALL: usize = if cfg!(miri) { 60 } else { 400 };

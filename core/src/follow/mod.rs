@@ -1,5 +1,5 @@
-//! From frame to frame: instances that keep their ids.
+//! This layer follows objects from frame to frame, so that instances keep their ids.
 //!
-//! Rule: what is followed is aligned to the model in every frame, never to the frame before.
+//! Rule: an instance is aligned to the model in every frame, never to the frame before.
 
 pub mod track;

@@ -1,26 +1,27 @@
-//! Objects followed from frame to frame.
+//! Follows objects from frame to frame.
 //!
-//! In: the frames of one camera in order, and a model. Out: tracks, each an instance
-//! with an id that it keeps. An instance that was seen in the frame before is aligned
-//! to this one (`align`), starting where its motion leads; that needs luma alone, of the
-//! part of the frame that may show it, and about a fifth of what a search costs. A frame
-//! is searched (`detect`) only when nothing is in sight, when an instance could not be
-//! followed for sure or has been lost for less than [`LOST_FRAMES`], and else every
-//! [`SEARCH_EVERY`] frames, so that new instances appear.
+//! In: the frames of one camera in order, and a model. Out: tracks. A track is an instance with an
+//! id that it keeps.
 //!
-//! Every frame is aligned to the template and not to the frame before: errors do not
-//! add up. To appear an instance must reach the caller's threshold. To stay without a
-//! search it must score [`SURE`], and look nearly as much alike as in the frame before
-//! ([`FADE`]); if it does not the frame is searched, and what the search finds counts.
-//! Where that is nothing [`STAY`] of the threshold is enough, so that an instance that
-//! is half hidden does not flicker. What can neither be followed nor found is lost, and
-//! said to be.
+//! An instance that was seen in the frame before is aligned to the current frame (`align`). The
+//! alignment starts where the motion of the instance leads. It needs only luma, and only of the
+//! part of the frame that may show the instance. It costs about a fifth of a search. A frame is
+//! searched (`detect`) in three cases:
+//! - Nothing is in sight.
+//! - An instance could not be followed for sure, or has been lost for less than [`LOST_FRAMES`].
+//! - [`SEARCH_EVERY`] frames have passed since the last search, so that new instances appear.
 //!
-//! Memory: some 3 KB in [`Tracker`], beside the detector, whose buffers it uses.
-//! Cost: conversion and pyramid of that luma, and for each track some 50,000 bilinear
-//! samples, a third more where there are no vectors. Full: beyond [`TRACKS`] instances,
-//! those that have been lost longest make room; where none is lost a new one is dropped,
-//! and counted.
+//! Every frame is aligned to the template and not to the frame before, so that errors do not add
+//! up. To appear, an instance must reach the caller's threshold. To stay without a search, it must
+//! score [`SURE`], and its support must be nearly that of the frame before ([`FADE`]). If it does
+//! not, the frame is searched, and the result of the search counts. If the search finds nothing,
+//! [`STAY`] of the threshold is enough, so that an instance that is half hidden does not flicker.
+//! An instance that can neither be followed nor found is reported as lost.
+//!
+//! Memory: some 3 KB in [`Tracker`], beside the detector, whose buffers it uses. Cost: conversion
+//! and pyramid of that part of luma, and some 50,000 bilinear samples for each track, a third more
+//! on targets without vectors. Full: beyond [`TRACKS`] instances, those that have been lost longest
+//! make room. When none is lost, a new instance is dropped and counted.
 
 use core::ops::Range;
 
@@ -39,43 +40,43 @@ use crate::image::frame::{Frame, FrameError, MIN_SIDE, Part};
 use crate::image::pyramid::PyramidView;
 use crate::model::parse::Model;
 
-/// Instances that are followed at once.
+/// Maximum number of instances that are followed at once.
 pub const TRACKS: usize = 16;
 
-/// Frames from one search to the next while all goes well. Fewer let new instances
-/// appear sooner and cost a search each.
+/// Number of frames from one search to the next while every instance is followed for sure. With a
+/// smaller number new instances appear sooner, at the cost of a search each.
 pub const SEARCH_EVERY: u32 = 10;
 
-/// Frames for which an instance that is not seen is still reported as lost, and
-/// searched for in every frame: a second of video.
+/// Number of frames for which an instance that is not seen is still reported as lost, and searched
+/// for in every frame. It is a second of video.
 pub const LOST_FRAMES: u32 = 30;
 
-/// Part of the threshold that an instance needs to stay.
+/// Share of the threshold that an instance needs to stay.
 pub const STAY: f32 = 0.5;
 
-/// Score from which on a followed pose is believed without a search: no wrong one of
-/// those that the score was fitted to reached it, and 5 of 116 right ones did not.
+/// Minimum score at which a followed pose is believed without a search. No wrong pose among those
+/// that the score was fitted to reached it. 5 of 116 right poses did not reach it.
 pub const SURE: f32 = 0.8;
 
-/// Part of the support of the frame before that must be left for a followed pose to be
-/// believed without a search: what suddenly looks much less alike has been hidden, or
-/// the alignment went astray.
+/// Minimum share of the support in the frame before at which a followed pose is believed without a
+/// search. An instance that suddenly looks much less alike has been hidden, or the alignment went
+/// astray.
 pub const FADE: f32 = 0.7;
 
-/// How an instance stands in the last frame.
+/// State of an instance in the last frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum State {
-    /// Found by a search: it was not seen in the frame before.
+    /// A search found the instance. It was not seen in the frame before.
     Found,
-    /// Seen in the frame before, and in this one.
+    /// The instance was seen in the frame before, and in this one.
     Tracked,
-    /// Not seen: its detection is the last one there was.
+    /// The instance is not seen. Its detection is the last one that it had.
     Lost,
 }
 
 impl State {
-    /// `found`, `tracked` or `lost`.
+    /// Returns `found`, `tracked` or `lost`.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -86,32 +87,32 @@ impl State {
     }
 }
 
-/// One instance of an object, followed.
+/// An instance of an object that is followed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Track {
-    /// Its own, never used twice.
+    /// Id of the instance. No other instance gets the same id.
     pub id: u32,
-    /// How it stands.
+    /// State of the instance.
     pub state: State,
-    /// Where it is, or was when it was last seen. `votes` and `agreeing` are those of
-    /// the last search that found it, `appearance.chroma` is 0 where none did in this
-    /// frame.
+    /// Detection in this frame, or the last one if the instance is not seen. `votes` and `agreeing`
+    /// come from the last search that found it. `appearance.chroma` is 0 when no search found it in
+    /// this frame.
     pub detection: Detection,
-    /// Frames since it was seen; 0 in this one.
+    /// Number of frames since the instance was seen; 0 when it is seen in this frame.
     pub unseen: u32,
-    /// Where it was one frame before it was last seen.
+    /// Pose one frame before the instance was last seen.
     before: Option<Homography>,
-    /// Whether it has been seen in the frame that is being worked on.
+    /// Whether the instance has been seen in the frame that is being processed.
     seen: bool,
-    /// Whether it was followed there beyond doubt.
+    /// Whether the instance was followed in that frame beyond doubt.
     sure: bool,
-    /// Whether a detection of this frame's search belongs to it.
+    /// Whether a detection of the search in that frame belongs to the instance.
     claimed: bool,
 }
 
 impl Track {
-    /// Whether it is where it was followed to, or where the search found it.
+    /// Returns whether the pose is certain: it was followed beyond doubt, or a search found it.
     fn is_certain(&self) -> bool {
         self.seen && (self.claimed || self.sure)
     }
@@ -125,25 +126,26 @@ impl Track {
         self.seen = true;
     }
 
-    /// Whether a pose that it was followed to is beyond doubt.
+    /// Returns whether `d`, a pose that the instance was followed to, is beyond doubt.
     fn is_sure(&self, d: &Detection) -> bool {
         d.score >= SURE && d.appearance.support >= FADE * self.detection.appearance.support
     }
 
-    /// Where it will be if it goes on as it came.
+    /// Returns the pose in this frame if the motion goes on. Returns `None` when the motion is
+    /// unknown.
     fn predicted(&self) -> Option<Homography> {
         let step = self.detection.homography.after(&self.before?.inverse()?);
         Some(step.after(&self.detection.homography).normalised())
     }
 }
 
-/// Follows what a [`Detector`] finds.
+/// Follows the instances that a [`Detector`] finds.
 #[derive(Debug)]
 pub struct Tracker {
-    /// Those that are seen first, best score first.
+    /// All tracks. Instances that are seen come first, best score first.
     tracks: Vec<Track, TRACKS>,
     next_id: u32,
-    /// Frames since the last search.
+    /// Number of frames since the last search.
     since_search: u32,
     stats: Stats,
 }
@@ -155,30 +157,30 @@ impl Default for Tracker {
 }
 
 impl Tracker {
-    /// A tracker of nothing yet.
+    /// Makes a tracker without tracks.
     #[must_use]
     pub const fn new() -> Self {
         Self { tracks: Vec::new(), next_id: 0, since_search: 0, stats: Stats::EMPTY }
     }
 
-    /// Has the next frame searched, whether or not all is in sight.
+    /// Makes the tracker search the next frame, even if every instance is in sight.
     pub const fn search_next(&mut self) {
         self.since_search = SEARCH_EVERY;
     }
 
-    /// Forgets all tracks; ids are not used again.
+    /// Forgets all tracks. Their ids are not used again.
     pub fn reset(&mut self) {
         self.tracks.clear();
     }
 
-    /// Follows, and where needed searches, the model's objects in the next frame: all
-    /// instances, those that are seen first, best score first, then those that are lost.
-    /// `threshold` is the least score at which an instance appears. `observer` is
-    /// asked for the time between the stages, and shown what a search makes.
+    /// Follows the objects of the model in the next frame, and searches the frame where needed.
+    /// Returns all instances: first those that are seen, best score first, then those that are
+    /// lost. `threshold` is the minimum score at which an instance appears. `observer` is asked for
+    /// the time between the stages, and is shown what a search makes.
     ///
     /// # Errors
-    /// [`FrameError::TooLarge`] when the frame exceeds the detector's profile: then
-    /// nothing has changed.
+    /// Returns [`FrameError::TooLarge`] when the frame exceeds the profile of the detector. Nothing
+    /// has changed then.
     pub fn track<P: Profile + ?Sized>(
         &mut self,
         detector: &mut Detector<P>,
@@ -198,7 +200,7 @@ impl Tracker {
             corner = [&part.columns, &part.rows].map(|side| f32::from(u16::try_from(side.start).unwrap_or(u16::MAX)));
             detector.load_luma(frame, &part, observer)?;
         }
-        // The model may be another one than in the frame before.
+        // The model may differ from the model of the frame before.
         self.tracks.retain(|t| usize::from(t.detection.object) < model.objects());
         self.stats = *detector.stats();
         let start = observer.now();
@@ -218,32 +220,34 @@ impl Tracker {
         Ok(&self.tracks)
     }
 
-    /// All instances of the last frame, as [`Tracker::track`] gave them.
+    /// Returns all instances of the last frame, in the order in which [`Tracker::track`] returned
+    /// them.
     #[must_use]
     pub fn tracks(&self) -> &[Track] {
         &self.tracks
     }
 
-    /// Whether nothing is in sight, so that every frame is searched.
+    /// Returns whether no instance is in sight, so that every frame is searched.
     #[must_use]
     pub fn is_searching(&self) -> bool {
         self.tracks.iter().all(|t| t.state == State::Lost)
     }
 
-    /// Whether the last frame was searched.
+    /// Returns whether the last frame was searched.
     #[must_use]
     pub const fn searched(&self) -> bool {
         self.since_search == 0
     }
 
-    /// What the stages did with the last frame; alignment counts as [`Stage::Accept`].
+    /// Returns what the stages did with the last frame. Alignment counts as [`Stage::Accept`].
     #[must_use]
     pub const fn stats(&self) -> &Stats {
         &self.stats
     }
 
-    /// What of a frame may show the tracks: where they were and where they are expected, and a
-    /// quarter of their longer side beside, farther than `glance` looks.
+    /// Returns the part of a frame that may show the tracks. It holds the places where they were
+    /// and where they are expected, with a margin of a quarter of their longer side. The margin is
+    /// wider than `glance` searches.
     fn part(&self, frame: &Frame<'_>, model: &Model<'_>) -> Part {
         let mut reach = [[f32::MAX, f32::MIN]; 2];
         for t in self.tracks.iter().filter(|t| usize::from(t.detection.object) < model.objects()) {
@@ -264,8 +268,8 @@ impl Tracker {
         Part { columns: span(reach[0], frame.width()), rows: span(reach[1], frame.height()) }
     }
 
-    /// Follows every track; true when one that was seen in the frame before is not for
-    /// sure any more.
+    /// Follows every track. Returns true when a track that was seen in the frame before is not
+    /// followed for sure any more.
     fn follow_all(&mut self, sight: &Sight<'_>, model: &Model<'_>, threshold: f32) -> bool {
         let mut gone = false;
         for t in &mut self.tracks {
@@ -279,22 +283,21 @@ impl Tracker {
         gone
     }
 
-    /// Gives the detections of this frame to the tracks that they belong to, or to
-    /// tracks of their own.
+    /// Gives each detection of this frame to the track that it belongs to, or to a new track.
     fn merge(&mut self, detections: &[Detection]) {
         const { assert!(DETECTIONS <= 32, "a bit for each detection: widen `taken`") };
-        // Those that confirm a track first, so that none of the others takes it.
+        // Detections that confirm a track come first, so that no other detection takes the track.
         let taken = detections.iter().enumerate().fold(0u32, |t, (i, d)| t | u32::from(self.confirm(d)) << i);
         for (_, d) in detections.iter().enumerate().filter(|(i, _)| taken >> i & 1 == 0) {
             self.assign(d);
         }
     }
 
-    /// Whether a track has been followed to where this detection is, which then speaks
-    /// for it.
+    /// Returns whether a track has been followed to the place of this detection. The detection then
+    /// counts as evidence for that track.
     fn confirm(&mut self, d: &Detection) -> bool {
         let Some(t) = self.tracks.iter_mut().find(|t| t.seen && t.detection.is_twin(d)) else { return false };
-        // A second one on the same track is none.
+        // A second detection on the same track adds nothing.
         if !t.claimed {
             t.claimed = true;
             let aligned = t.detection;
@@ -310,8 +313,8 @@ impl Tracker {
         true
     }
 
-    /// Gives a detection to the nearest track of its object that was not followed for
-    /// sure, or to a new one.
+    /// Gives a detection to the nearest track of its object that was not followed for sure. Without
+    /// such a track it makes a new one.
     fn assign(&mut self, d: &Detection) {
         let [x, y] = middle(d);
         let distance = |t: &Track| {
@@ -340,7 +343,7 @@ impl Tracker {
             claimed: true,
         };
         if self.tracks.is_full() {
-            // What has been lost longest makes room.
+            // The track that has been lost longest makes room.
             let oldest =
                 (0..self.tracks.len()).max_by_key(|&i| self.tracks[i].unseen + u32::from(!self.tracks[i].seen));
             match oldest.filter(|&i| !self.tracks[i].seen) {
@@ -356,7 +359,7 @@ impl Tracker {
         }
     }
 
-    /// States of this frame from what was seen in it.
+    /// Sets the states of this frame from what was seen in it.
     fn settle(&mut self) {
         for t in &mut self.tracks {
             t.state = match (t.seen, t.unseen) {
@@ -371,7 +374,7 @@ impl Tracker {
             let key = |t: &Track| if t.seen { t.detection.score } else { -(t.unseen as f32) };
             key(b).total_cmp(&key(a))
         });
-        // Two that have run onto one instance are one: the better stays.
+        // Two tracks that have run onto one instance are one track. The better one stays.
         let mut i = 0;
         while i < self.tracks.len() {
             let twin = |t: &Track| t.seen == self.tracks[i].seen && t.detection.is_twin(&self.tracks[i].detection);
@@ -384,8 +387,9 @@ impl Tracker {
     }
 }
 
-/// Blocks that must agree at the predicted pose, and after the coarse steps. Where an
-/// object moved far the prediction may look like nothing.
+/// Minimum support (number of blocks that agree) at the predicted pose, and after the coarse steps.
+/// The first is 0, because the frame at the predicted pose may look like nothing when an object
+/// moved far.
 const LEAST_SUPPORT: [f32; 2] = [0.0, 0.8];
 
 /// Steps of the alignment of a pose that is nearly right; see `align`.
@@ -395,19 +399,19 @@ const STEPS: [Refinement; 3] = [
     Refinement { level: 0, blocks: 6, times: 3, still: 0.04, keep: 0.98 },
 ];
 
-/// Where the neighbourhood is looked through: px of [`GLANCE_LEVEL`] of the template
-/// each way.
+/// How far the neighbourhood is searched each way, in px of level `GLANCE_LEVEL` of the template.
 const GLANCE: i8 = 4;
 const GLANCE_LEVEL: usize = 2;
 
-/// Most that an area may change from one frame to the next.
+/// Maximum factor by which an area may change from one frame to the next.
 const MAX_GROWTH: f32 = 2.0;
 
-/// Least that is looked at beside a track, px.
+/// Minimum margin beside a track, px.
 const LEAST_MARGIN_PX: f32 = 16.0;
 
-/// What reaches from `least` to `most`, as far as it is within a side: whole pixels of the
-/// coarsest level, and at least as many as a frame has.
+/// Returns the range from `least` to `most` within a side of `side` px. It begins and ends at whole
+/// pixels of the coarsest level, or at the end of the side. It has at least as many pixels as the
+/// side of a frame must have.
 fn span([least, most]: [f32; 2], side: usize) -> Range<usize> {
     const STEP: usize = 1 << (LEVELS - 1);
     let whole = |v: f32| usize::try_from(math::floor(v)).unwrap_or(0).min(side);
@@ -415,25 +419,25 @@ fn span([least, most]: [f32; 2], side: usize) -> Range<usize> {
     start..whole(most).next_multiple_of(STEP).max(start + MIN_SIDE).min(side)
 }
 
-/// What is seen of a frame: the part whose upper left corner lies there in it, px.
+/// The part of a frame that is looked at. `corner` is its upper left corner in the frame, px.
 struct Sight<'a> {
     view: PyramidView<'a>,
     corner: [f32; 2],
 }
 
 impl Sight<'_> {
-    /// A pose in the frame, in the part.
+    /// Returns in px of the part a pose that is in px of the frame.
     fn within(&self, h: &Homography) -> Homography {
         Homography::affine([1.0, 0.0, -self.corner[0], 0.0, 1.0, -self.corner[1]]).after(h)
     }
 
-    /// And back.
+    /// Returns in px of the frame a pose that is in px of the part.
     fn without(&self, h: &Homography) -> Homography {
         Homography::affine([1.0, 0.0, self.corner[0], 0.0, 1.0, self.corner[1]]).after(h)
     }
 }
 
-/// Where a track is in this frame; `None` when it does not look like it anywhere near.
+/// Returns where a track is in this frame. Returns `None` when nothing nearby looks like it.
 fn follow(sight: &Sight<'_>, model: &Model<'_>, track: &Track, threshold: f32) -> Option<Detection> {
     let last = &track.detection.homography;
     if track.state == State::Lost {
@@ -450,7 +454,8 @@ fn follow(sight: &Sight<'_>, model: &Model<'_>, track: &Track, threshold: f32) -
     if score(&near) > score(&straight) { near } else { straight }
 }
 
-/// Aligns a pose of a track with the frame; `None` below `least`.
+/// Aligns a pose of a track with the frame. Returns `None` when the score is below `least`, or when
+/// the outline is not plausible or its area changed too much.
 fn align(sight: &Sight<'_>, model: &Model<'_>, track: &Track, start: &Homography, least: f32) -> Option<Detection> {
     let last = &track.detection;
     let o = model.object(usize::from(last.object));
@@ -470,7 +475,7 @@ fn align(sight: &Sight<'_>, model: &Model<'_>, track: &Track, start: &Homography
     believed.then_some(d)
 }
 
-/// The shift of a pose under which the frame looks most like the object.
+/// Returns the pose, shifted to the place at which the frame looks most like the object.
 fn glance(sight: &Sight<'_>, model: &Model<'_>, track: &Track, start: &Homography) -> Homography {
     let o = model.object(usize::from(track.detection.object));
     let size = [o.width as f32, o.height as f32];
@@ -490,9 +495,9 @@ fn glance(sight: &Sight<'_>, model: &Model<'_>, track: &Track, start: &Homograph
     best.0.normalised()
 }
 
-/// Estimate of the probability that a followed pose is right: a logistic regression
-/// over 116 right and 320 wrong ones, of rendered and real frames in which the object
-/// moved, was hidden, changed its light, or left.
+/// Returns an estimate of the probability that a followed pose is right. It is a logistic
+/// regression over 116 right and 320 wrong poses. They come from rendered and real frames in which
+/// the object moved, was hidden, changed its light, or left.
 fn score(a: &Appearance) -> f32 {
     if a.blocks < 4 {
         return 0.0;
@@ -501,7 +506,7 @@ fn score(a: &Appearance) -> f32 {
     1.0 / (1.0 + math::exp(-logit))
 }
 
-/// Middle of an outline, frame px.
+/// Returns the middle of an outline, frame px.
 fn middle(d: &Detection) -> [f32; 2] {
     [0, 1].map(|i| d.corners.iter().map(|c| c[i]).sum::<f32>() / 4.0)
 }
@@ -522,7 +527,7 @@ mod tests {
     const W: usize = 160;
     const H: usize = 120;
 
-    /// Brightness of a picture of `W` x `H` px: random blocks of 10 px.
+    /// Returns the brightness of a picture of `W` x `H` px. The picture has random blocks of 10 px.
     fn blocks(x: usize, y: usize) -> u8 {
         let mut seed = (y / 10 * 16 + x / 10) as u32 + 1;
         for _ in 0..3 {
@@ -544,8 +549,8 @@ mod tests {
         bytes
     }
 
-    /// The picture at 0.6 of its size with its corner at each of these places, before
-    /// gray.
+    /// Makes a frame that shows the picture at 0.6 of its size, with its corner at each of these
+    /// places, on gray.
     fn frame(places: &[[f32; 2]]) -> Vec<u8> {
         let mut bytes = vec![128; W * H];
         for (i, v) in bytes.iter_mut().enumerate() {
@@ -581,7 +586,7 @@ mod tests {
         }
     }
 
-    /// A frame in which the object's lower part is hidden, from row `from` on.
+    /// Makes a frame in which the object is hidden from row `from` on.
     fn covered(from: usize) -> Vec<u8> {
         let mut bytes = frame(&[[30.0, 20.0]]);
         bytes[from * W..].fill(128);
@@ -672,7 +677,8 @@ mod tests {
     #[test]
     #[cfg_attr(miri, ignore = "learns, and searches whole frames: hours")]
     fn what_would_not_appear_may_stay() {
-        // Between the scores of the object mostly hidden and of all of it.
+        // The threshold lies between the score of the object mostly hidden and the score of all of
+        // it.
         let score = |bytes: &[u8]| Run::new().look(bytes, 0.1)[0].detection.score;
         let (half, whole) = (score(&covered(40)), score(&covered(H)));
         let threshold = (half + whole) / 2.0;

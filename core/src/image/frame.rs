@@ -1,14 +1,14 @@
-//! Raw camera buffers, checked once, and their conversion to luma and chroma.
+//! Checks raw camera buffers once, and converts them to luma and chroma.
 //!
-//! In: a borrowed buffer in one of six pixel formats. Out: full-size luma
-//! (`u8`) and two half-size planes of normalised chroma (`i8`).
+//! In: a borrowed buffer in one of six pixel formats. Out: full-size luma (`u8`) and two half-size
+//! planes of normalised chroma (`i8`).
 //!
-//! Luma is Y itself, or (4899 R + 9617 G + 1868 B) / 16384 (ITU-R BT.601, the
-//! rounding of the field). Chroma of a 2x2 block is the vector
-//! `(R - (G+B)/2, sqrt(3)/2 (G-B)) / max(R,G,B)`, scaled by 127: its angle is
-//! the hue, its length the saturation of HSV (to within the difference between
-//! hexagon and circle), and a change of brightness leaves it alone. A block
-//! darker than [`DARK`] has no chroma: both planes then hold [`NO_CHROMA`].
+//! Luma is Y itself, or (4899 R + 9617 G + 1868 B) / 16384 (ITU-R BT.601, with the rounding that is
+//! usual in the field). Chroma of a 2x2 block is the vector
+//! `(R - (G+B)/2, sqrt(3)/2 (G-B)) / max(R,G,B)`, scaled by 127. The angle of the vector is the
+//! hue. Its length is the saturation of HSV (up to the difference between hexagon and circle). A
+//! change of brightness does not change the vector. A block darker than [`DARK`] has no chroma:
+//! both planes then hold [`NO_CHROMA`].
 //!
 //! Memory: none beyond the planes. Cost: one pass over the pixels.
 
@@ -16,21 +16,20 @@ use core::ops::Range;
 
 use crate::base::math::{self, VECTORS};
 
-/// Value in both chroma planes where a block has no chroma (too dark, or the
-/// frame is gray).
+/// Value in both chroma planes where a block has no chroma: the block is too dark, or the frame is
+/// gray.
 pub const NO_CHROMA: i8 = -128;
 
-/// Blocks whose brightest channel is below this (of 255) have no chroma.
+/// Minimum value (of 255) of the brightest channel of a block that has chroma.
 pub const DARK: i32 = 20;
 
-/// Smallest accepted side of a frame, px.
+/// Minimum side of a frame, px.
 pub const MIN_SIDE: usize = 16;
 
-/// Longest side of any frame, px, so that its size in bytes fits 32 bits. Detectors
-/// take less.
+/// Maximum side of any frame, px. It makes the size in bytes fit 32 bits. Detectors accept less.
 pub const MAX_SIDE: usize = (1 << 15) - 1;
 
-/// How the pixels of a [`Frame`] lie in memory.
+/// Layout of the pixels of a [`Frame`] in memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum PixelFormat {
@@ -38,21 +37,21 @@ pub enum PixelFormat {
     Rgb8,
     /// 1 byte a pixel.
     Gray8,
-    /// 4:2:2 packed, `Y0 U Y1 V`, 2 bytes a pixel; even width.
+    /// 4:2:2 packed, `Y0 U Y1 V`, 2 bytes a pixel. The width must be even.
     Yuyv,
-    /// 4:2:0, a Y plane, then interleaved U and V of half size; even sides.
+    /// 4:2:0, a Y plane, then interleaved U and V of half size. Both sides must be even.
     Nv12,
-    /// 4:2:0, a Y plane, then a U and a V plane of half size; even sides.
+    /// 4:2:0, a Y plane, then a U plane and a V plane of half size. Both sides must be even.
     I420,
     /// 2 bytes a pixel, little endian, red in the top five bits.
     Rgb565,
 }
 
 impl PixelFormat {
-    /// Every format, in the order of their declaration: `ALL[f as usize] == f`.
+    /// All formats, in the order of their declaration: `ALL[f as usize] == f`.
     pub const ALL: [Self; 6] = [Self::Rgb8, Self::Gray8, Self::Yuyv, Self::Nv12, Self::I420, Self::Rgb565];
 
-    /// Bytes of a frame of `width` x `height` px, without padding.
+    /// Returns the number of bytes of a frame of `width` x `height` px, without padding.
     #[must_use]
     pub const fn bytes(self, width: usize, height: usize) -> usize {
         let n = width * height;
@@ -65,46 +64,44 @@ impl PixelFormat {
     }
 }
 
-/// Why a frame was refused.
+/// The reason why a frame was refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum FrameError {
-    /// The buffer does not hold exactly one frame: pass `expected` bytes
-    /// (rows without padding).
+    /// The buffer does not hold exactly one frame. Pass `expected` bytes (rows without padding).
     WrongLength {
-        /// Bytes that a frame of this size and format has.
+        /// Number of bytes of a frame of this size and format.
         expected: usize,
-        /// Bytes that were given.
+        /// Number of bytes that were given.
         given: usize,
     },
-    /// The format shares chroma between columns: crop to an even width.
+    /// The width is odd, and the format shares chroma between columns. Crop to an even width.
     OddWidth {
-        /// The width that was given.
+        /// Width that was given, px.
         width: usize,
     },
-    /// The format shares chroma between rows: crop to an even height.
+    /// The height is odd, and the format shares chroma between rows. Crop to an even height.
     OddHeight {
-        /// The height that was given.
+        /// Height that was given, px.
         height: usize,
     },
-    /// A side is shorter than [`MIN_SIDE`]: pass a larger frame.
+    /// A side is shorter than [`MIN_SIDE`]. Pass a larger frame.
     TooSmall {
-        /// Width given, px.
+        /// Width that was given, px.
         width: usize,
-        /// Height given, px.
+        /// Height that was given, px.
         height: usize,
     },
-    /// The frame does not fit the profile's buffers: scale it down, or use a
-    /// larger profile.
+    /// The frame does not fit the buffers of the profile. Scale it down, or use a larger profile.
     TooLarge {
-        /// Pixels given.
+        /// Number of pixels that were given.
         pixels: usize,
-        /// Most pixels that fit.
+        /// Maximum number of pixels.
         max_pixels: usize,
-        /// Longer side given, px.
+        /// Longer side that was given, px.
         side: usize,
-        /// Longest side that fits, px.
+        /// Maximum length of the longer side, px.
         max_side: usize,
     },
 }
@@ -130,14 +127,14 @@ impl core::fmt::Display for FrameError {
 
 impl core::error::Error for FrameError {}
 
-/// A part of a frame, px.
+/// A rectangular part of a frame, px.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Part {
     pub(crate) columns: Range<usize>,
     pub(crate) rows: Range<usize>,
 }
 
-/// One frame as the camera gave it: a view that exists is valid.
+/// One frame as the camera gave it. A view that exists is valid.
 #[derive(Clone, Copy, Debug)]
 pub struct Frame<'a> {
     format: PixelFormat,
@@ -147,11 +144,11 @@ pub struct Frame<'a> {
 }
 
 impl<'a> Frame<'a> {
-    /// Checks size and length once.
+    /// Makes a frame. Size and length are checked here, once.
     ///
     /// # Errors
-    /// [`FrameError`] when a side is too small or odd where the format forbids
-    /// it, or when `data` is not exactly one frame.
+    /// Returns a [`FrameError`] when a side is too short or too long, when a side is odd and the
+    /// format needs an even one, or when `data` is not exactly one frame.
     pub const fn new(format: PixelFormat, width: usize, height: usize, data: &'a [u8]) -> Result<Self, FrameError> {
         if width < MIN_SIDE || height < MIN_SIDE {
             return Err(FrameError::TooSmall { width, height });
@@ -179,33 +176,34 @@ impl<'a> Frame<'a> {
         Ok(Self { format, width, height, data })
     }
 
-    /// Width, px.
+    /// Returns the width, px.
     #[must_use]
     pub const fn width(&self) -> usize {
         self.width
     }
 
-    /// Height, px.
+    /// Returns the height, px.
     #[must_use]
     pub const fn height(&self) -> usize {
         self.height
     }
 
-    /// How the pixels lie in memory.
+    /// Returns the layout of the pixels in memory.
     #[must_use]
     pub const fn format(&self) -> PixelFormat {
         self.format
     }
 
-    /// Luma alone: one pass over the pixels into `luma` (`width * height`).
+    /// Writes luma alone into `luma` (`width * height`), in one pass over the pixels.
     ///
     /// # Panics
-    /// Never for a slice of this length or longer.
+    /// Panics when `luma` is shorter than that.
     pub fn convert_luma(&self, luma: &mut [u8]) {
         luma_from(self, 0, &mut luma[..self.width * self.height]);
     }
 
-    /// That of a part, which lies within the frame.
+    /// Writes the luma of a part of the frame into `luma`, row after row. The part must lie within
+    /// the frame.
     pub(crate) fn convert_luma_of(&self, part: &Part, luma: &mut [u8]) {
         let starts = part.rows.clone().map(|y| y * self.width + part.columns.start);
         for (start, row) in starts.zip(luma.chunks_exact_mut(part.columns.len())) {
@@ -213,18 +211,19 @@ impl<'a> Frame<'a> {
         }
     }
 
-    /// One pass over the pixels into `luma` (`width * height`) and the chroma
-    /// planes `a` and `b` (`(width / 2) * (height / 2)` each).
+    /// Writes luma into `luma` (`width * height`) and chroma into the planes `a` and `b`
+    /// (`(width / 2) * (height / 2)` each).
     ///
     /// # Panics
-    /// Never for slices of these lengths or longer.
+    /// May panic when a slice is shorter than that.
     pub fn convert(&self, luma: &mut [u8], a: &mut [i8], b: &mut [i8]) {
         self.convert_luma(luma);
         chroma_from(self, a, b);
     }
 }
 
-/// Luma of the pixels from one on, in reading order.
+/// Writes the luma of the pixels from number `first` on, in reading order. The length of `luma` is
+/// the number of pixels.
 #[cfg_attr(feature = "dispatch", multiversion::multiversion(targets("x86_64+avx2")))]
 fn luma_from(frame: &Frame<'_>, first: usize, luma: &mut [u8]) {
     let (n, data) = (luma.len(), frame.data);
@@ -237,7 +236,7 @@ fn luma_from(frame: &Frame<'_>, first: usize, luma: &mut [u8]) {
     }
 }
 
-/// Fills the chroma planes.
+/// Fills the chroma planes `a` and `b`.
 #[cfg_attr(feature = "dispatch", multiversion::multiversion(targets("x86_64+avx2")))]
 fn chroma_from(frame: &Frame<'_>, a: &mut [i8], b: &mut [i8]) {
     let (w, h, data) = (frame.width, frame.height, frame.data);
@@ -262,7 +261,7 @@ fn chroma_from(frame: &Frame<'_>, a: &mut [i8], b: &mut [i8]) {
         PixelFormat::Yuyv => fill_chroma(w, h, a, b, |y| {
             let [top, low] = rows(data, 2 * w, y).map(|row| &row.as_chunks::<4>().0[..w / 2]);
             move |x| {
-                // Of two pixels at once: Y and Y, U and V.
+                // Each sum holds the values of two pixels: Y and Y, or U and V.
                 let [top, low] = [top[x], low[x]].map(u32::from_le_bytes);
                 let [luma, uv] = [0, 8].map(|at| (top >> at & EVEN) + (low >> at & EVEN));
                 let halves = [luma & 0xffff, luma >> 16, uv & 0xffff, uv >> 16];
@@ -272,7 +271,7 @@ fn chroma_from(frame: &Frame<'_>, a: &mut [i8], b: &mut [i8]) {
         }),
         PixelFormat::Nv12 | PixelFormat::I420 => {
             let uv = &data[n..];
-            // Distance between neighbours of one plane, and of U and V.
+            // `step` is the distance between neighbours in one plane, `v` the distance from U to V.
             let (step, v) = if frame.format == PixelFormat::Nv12 { (2, 1) } else { (1, n / 4) };
             fill_chroma(w, h, a, b, |y| {
                 let [top, low] = rows(data, w, y).map(|row| row.as_chunks().0);
@@ -286,12 +285,13 @@ fn chroma_from(frame: &Frame<'_>, a: &mut [i8], b: &mut [i8]) {
     }
 }
 
-/// Two rows of `bytes` each, and what follows them: those of the blocks of row `y`.
+/// Returns the two pixel rows of the blocks of row `y`. A row has `bytes` bytes. Each slice starts
+/// at its row and ends with the data.
 fn rows(data: &[u8], bytes: usize, y: usize) -> [&[u8]; 2] {
     [2 * y, 2 * y + 1].map(|y| &data[y * bytes..])
 }
 
-/// Red, green and blue of a pixel.
+/// Returns red, green and blue of a pixel, 0 to 255 each.
 fn rgb565(pixel: [u8; 2]) -> [i32; 3] {
     let v = i32::from(u16::from_le_bytes(pixel));
     let (r, g, b) = (v >> 11, v >> 5 & 63, v & 31);
@@ -303,8 +303,8 @@ fn luma_of([r, g, b]: [i32; 3]) -> u8 {
     ((4899 * r + 9617 * g + 1868 * b + 8192) >> 14) as u8
 }
 
-/// Four pixels at a time, each as a word of red, green, blue and what lies beside it: so their
-/// bytes need not be told apart one by one.
+/// Computes luma of four pixels at a time. Each pixel is read as one word, which holds red, green,
+/// blue and a byte beside them. This avoids reading the bytes one by one.
 #[inline(always)]
 fn luma_from_rgb8(luma: &mut [u8], data: &[u8]) {
     let (groups, rest) = luma.as_chunks_mut::<4>();
@@ -318,15 +318,15 @@ fn luma_from_rgb8(luma: &mut [u8], data: &[u8]) {
     }
 }
 
-/// Four bytes from `at` on, the first lowest.
+/// Returns the four bytes from `at` on as a number. The first byte is the lowest.
 fn word(bytes: &[u8], at: usize) -> i32 {
     bytes.get(at..at + 4).map_or(0, |b| i32::from_le_bytes([b[0], b[1], b[2], b[3]]))
 }
 
-/// Every second byte.
+/// Mask of every second byte.
 const EVEN: u32 = 0x00ff_00ff;
 
-/// Every second byte, four at a time.
+/// Copies every second byte, four at a time.
 #[inline(always)]
 fn luma_from_yuyv(luma: &mut [u8], data: &[u8]) {
     let (groups, rest) = luma.as_chunks_mut::<4>();
@@ -339,31 +339,33 @@ fn luma_from_yuyv(luma: &mut [u8], data: &[u8]) {
     }
 }
 
-/// Sums of red, green and blue over two pixels of each of two rows.
+/// Returns the sums of red, green and blue over two pixels of each of two rows.
 #[inline(always)]
 #[allow(clippy::cast_possible_truncation, reason = "16 bits each")]
 fn sums_of_rgb8(rows: [&[u8; 6]; 2]) -> [i32; 3] {
-    // Every second byte, with room for carries: the sums of all rows at once.
+    // This mask selects every second byte. The bytes between have room for carries, so that one
+    // addition sums both rows for all of them.
     const EVEN: u64 = 0x00ff_00ff_00ff;
     let [top, low] = rows.map(|&[a, b, c, d, e, f]| u64::from_le_bytes([a, b, c, d, e, f, 0, 0]));
-    // Red, blue, green of the next; green, red of the next, blue of the next.
+    // `even` holds red, blue, and green of the next pixel. `odd` holds green, and red and blue of
+    // the next pixel.
     let (even, odd) = ((top & EVEN) + (low & EVEN), (top >> 8 & EVEN) + (low >> 8 & EVEN));
     let red_blue = even + (odd >> 16);
     [red_blue as u16, (even >> 32) as u16 + odd as u16, (red_blue >> 16) as u16].map(i32::from)
 }
 
-/// Sums of red, green and blue over four pixels from those of Y, U and V (BT.601, limited
-/// range).
+/// Returns the sums of red, green and blue over four pixels, 0 to 1023 each, from the sums of Y, U
+/// and V (BT.601, limited range).
 fn rgb_of_yuv([luma, u, v]: [i32; 3]) -> [i32; 3] {
     let (c, u, v) = ((luma - 64) * 298, u - 512, v - 512);
     [c + 409 * v, c - 100 * u - 208 * v, c + 516 * u].map(|t| (t >> 8).clamp(0, 1023))
 }
 
-/// Blocks whose chroma is computed together.
+/// Number of blocks whose chroma is computed together.
 const STRIP: usize = 64;
 
-/// Fills the chroma planes: `row(y)(x)` gives the sums of red, green and blue over the pixels of
-/// block `x` of row `y`.
+/// Fills the chroma planes `a` and `b`. `row(y)(x)` gives the sums of red, green and blue over the
+/// four pixels of block `x` of row `y`.
 #[inline(always)]
 fn fill_chroma<F: Fn(usize) -> [i32; 3]>(w: usize, h: usize, a: &mut [i8], b: &mut [i8], row: impl Fn(usize) -> F) {
     let width = w / 2;
@@ -396,7 +398,8 @@ fn fill_by_strips(a: &mut [i8], b: &mut [i8], sums: impl Fn(usize) -> [i32; 3]) 
     }
 }
 
-/// Normalised chroma of blocks from their sums (four pixels) of red, of green and of blue.
+/// Computes the normalised chroma of blocks. `sums` holds the sums of red, of green and of blue
+/// over the four pixels of each block.
 #[inline(always)]
 fn chroma<const N: usize>(sums: &[[i16; N]; 3], a: &mut [i8], b: &mut [i8]) {
     let n = a.len();
@@ -448,8 +451,8 @@ mod tests {
         }
     }
 
-    /// The same solid colour in every format gives the same luma and chroma,
-    /// within what the narrower formats can hold.
+    /// A solid colour gives the same luma and chroma in every format, within the precision of the
+    /// narrower formats.
     #[test]
     fn formats_agree_on_solid_colours() {
         for [r, g, b] in [[200u8, 40, 40], [30, 160, 60], [50, 70, 220], [128, 128, 128], [240, 220, 30]] {
@@ -496,7 +499,7 @@ mod tests {
         for (i, format) in PixelFormat::ALL.into_iter().enumerate() {
             assert_eq!(format as usize, i, "{format:?}");
         }
-        // The last of the declaration.
+        // `Rgb565` is the last format of the declaration.
         assert_eq!(PixelFormat::Rgb565 as usize + 1, PixelFormat::ALL.len());
     }
 

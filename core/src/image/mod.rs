@@ -1,4 +1,5 @@
-//! From the bytes of a camera to planes of pixels: luma and chroma, whole and at half sizes.
+//! This layer turns the bytes of a camera into planes of luma and chroma, at full size and at half
+//! sizes.
 //!
 //! Rule: a view that exists is valid. Sizes are checked once, where a view is made.
 

@@ -1,13 +1,12 @@
-//! Luma and chroma of one frame with their half-size levels.
+//! Holds luma and chroma of one frame with their half-size levels.
 //!
-//! In: a checked [`Frame`]. Out: [`LEVELS`] levels of luma and of both chroma
-//! planes, each a 2x2 mean of the one below (a chroma mean leaves out blocks
-//! that have none). Level `l` of a `w` x `h` frame has `(w >> l)` x `(h >> l)`
-//! px of luma and `(w / 2 >> l)` x `(h / 2 >> l)` px of chroma.
+//! In: a checked [`Frame`]. Out: [`LEVELS`] levels of luma and of both chroma planes. Each level is
+//! the 2x2 mean of the level below it. A mean of chroma leaves out blocks that have no chroma.
+//! Level `l` of a `w` x `h` frame has `(w >> l)` x `(h >> l)` px of luma and `(w / 2 >> l)` x
+//! `(h / 2 >> l)` px of chroma.
 //!
-//! Memory: `LUMA + 2 * CHROMA` bytes. Cost: one pass over a third more pixels
-//! than the frame has. Nothing can be full: a frame that does not fit is
-//! refused.
+//! Memory: `LUMA + 2 * CHROMA` bytes. Cost: one pass over a third more pixels than the frame has.
+//! Full: this cannot happen, because a frame that does not fit is refused.
 
 use crate::base::capacity::{LEVELS, pixels_of};
 use crate::base::geometry::{Homography, Point};
@@ -23,35 +22,35 @@ pub struct Plane<'a, T> {
 }
 
 impl<'a, T: Copy> Plane<'a, T> {
-    /// A view of `width * height` pixels; `None` when `data` has another length
-    /// or a side is zero.
+    /// Makes a view of `width * height` pixels. Returns `None` when `data` has another length or a
+    /// side is zero.
     #[must_use]
     pub fn new(data: &'a [T], width: usize, height: usize) -> Option<Self> {
         (width > 0 && height > 0 && data.len() == width * height).then_some(Self { data, width, height })
     }
 
-    /// Width, px.
+    /// Returns the width, px.
     #[must_use]
     pub const fn width(&self) -> usize {
         self.width
     }
 
-    /// Height, px.
+    /// Returns the height, px.
     #[must_use]
     pub const fn height(&self) -> usize {
         self.height
     }
 
-    /// Row `y`.
+    /// Returns row `y`.
     ///
     /// # Panics
-    /// When `y` is not below the height.
+    /// Panics when `y` is not below the height.
     #[must_use]
     pub fn row(&self, y: usize) -> &'a [T] {
         &self.data[y * self.width..][..self.width]
     }
 
-    /// The pixel nearest to `(x, y)`, clamped to the plane.
+    /// Returns the pixel at `(x, y)`. A place outside the plane gives the nearest pixel inside.
     #[must_use]
     #[inline(always)]
     #[allow(clippy::cast_sign_loss, clippy::cast_possible_truncation, clippy::cast_possible_wrap, reason = "clamped")]
@@ -62,7 +61,8 @@ impl<'a, T: Copy> Plane<'a, T> {
     }
 }
 
-/// [`Plane::nearest`] of both planes of chroma, which are alike.
+/// Returns the pixels at `(x, y)` of both chroma planes, as [`Plane::nearest`] does. The planes
+/// must have the same size.
 #[inline(always)]
 pub(crate) fn nearest(planes: [Plane<'_, i8>; 2], x: i32, y: i32) -> [i8; 2] {
     let [a, b] = planes;
@@ -71,8 +71,9 @@ pub(crate) fn nearest(planes: [Plane<'_, i8>; 2], x: i32, y: i32) -> [i8; 2] {
 }
 
 impl Plane<'_, u8> {
-    /// Samples the plane at the places `(x, y)`, px, to the nearest 1/256: the value between
-    /// four pixels takes the place of `x`, no number where there are not four; `y` is spent.
+    /// Samples the plane at the places `(x, y)`, px, rounded to 1/256 px. The value between four
+    /// pixels replaces each `x`. It is NaN where the place does not lie between four pixels. The
+    /// values of `y` are overwritten.
     pub(crate) fn sample(&self, x: &mut [f32], y: &mut [f32]) {
         if VECTORS { self.sample_by_strips(x, y) } else { self.sample_one_by_one(x, y) }
     }
@@ -89,7 +90,7 @@ impl Plane<'_, u8> {
         }
     }
 
-    /// One of them, by integers; `None` outside the plane.
+    /// Samples the plane at one place, by integers. Returns `None` outside the plane.
     #[inline]
     pub(crate) fn sample_one(&self, x: f32, y: f32) -> Option<f32> {
         let [x, y] = [x, y].map(|v| math::whole(v * PARTS));
@@ -97,22 +98,23 @@ impl Plane<'_, u8> {
         Some(between(square, x & 255, y & 255) as f32 * (1.0 / (PARTS * PARTS)))
     }
 
-    /// The pixel `(x, y)`, that beside it, and the two below; `None` where one of them is
-    /// outside.
+    /// Returns the pixel `(x, y)`, its right neighbour, and the two pixels below them. Returns
+    /// `None` when one of them lies outside the plane.
     #[inline(always)]
     pub(crate) fn square(&self, [x, y]: [usize; 2]) -> Option<[i32; 4]> {
         if x >= self.width - 1 || y >= self.height - 1 {
             return None;
         }
-        // Within 16 bits, so that one look at the length is enough.
+        // The compiler then knows that `w` has 16 bits, so that one check of the length is enough.
         let w = self.width & 0xffff;
         let rest = self.data.get(y * self.width + x..)?;
         (rest.len() > w + 1).then(|| [rest[0], rest[1], rest[w], rest[w + 1]].map(i32::from))
     }
 
-    /// [`Plane::sample`], clamped to the plane.
+    /// Samples the plane as [`Plane::sample`] does, with places outside moved to the edge of the
+    /// plane.
     pub(crate) fn sample_clamped(&self, x: &mut [f32], y: &mut [f32]) {
-        // The last place between four pixels.
+        // The last place that lies between four pixels.
         let [right, bottom] = [self.width, self.height].map(|v| (number(v) - 1) as f32 - 1.0 / PARTS);
         let clamp = |v: f32, most: f32| {
             let v = if v < most { v } else { most };
@@ -124,7 +126,7 @@ impl Plane<'_, u8> {
     }
 }
 
-/// Some of them, in three loops of which the compiler makes vectors of all but the second.
+/// Samples up to [`STRIP`] places. The compiler makes vectors of the first and of the third loop.
 #[cfg_attr(feature = "dispatch", multiversion::multiversion(targets("x86_64+avx2")))]
 #[inline(never)]
 fn sample_strip(plane: &Plane<'_, u8>, x: &mut [f32], y: &mut [f32]) {
@@ -136,13 +138,13 @@ fn sample_strip(plane: &Plane<'_, u8>, x: &mut [f32], y: &mut [f32]) {
         let (fx, fy) = (math::whole(x[i] * PARTS), math::whole(y[i] * PARTS));
         let (column, row) = (fx >> 8, fy >> 8);
         let inside = (column >= 0) & (column < right) & (row >= 0) & (row < bottom);
-        // 15 bits each, so that one instruction multiplies them.
+        // Both factors have 15 bits, so that one instruction multiplies them.
         let start = (row & 0x7fff) * (width & 0x7fff) + column;
         squares[i] = if inside { start.cast_unsigned() } else { 0 };
         x[i] = if inside { (fx & 255) as f32 } else { f32::NAN };
         y[i] = (fy & 255) as f32;
     }
-    // Of one length, so that what is within the one is within the other.
+    // `top` and `low` have the same length: an index that is valid in one is valid in the other.
     let low = &plane.data[plane.width..];
     let top = &plane.data[..low.len()];
     for square in squares.iter_mut() {
@@ -151,7 +153,7 @@ fn sample_strip(plane: &Plane<'_, u8>, x: &mut [f32], y: &mut [f32]) {
         *square = pair(top) | pair(low) << 16;
     }
     for i in 0..n {
-        // As `between` has it: no step is rounded.
+        // The formula is the one of `between`. No step is rounded.
         let byte = |shift: u32| (squares[i] >> shift & 255).cast_signed() as f32;
         let top = PARTS * byte(0) + x[i] * (byte(8) - byte(0));
         let low = PARTS * byte(16) + x[i] * (byte(24) - byte(16));
@@ -159,27 +161,27 @@ fn sample_strip(plane: &Plane<'_, u8>, x: &mut [f32], y: &mut [f32]) {
     }
 }
 
-/// Places that are sampled together.
+/// Number of places that are sampled together.
 const STRIP: usize = 32;
 
-/// Parts of a pixel that are told apart.
+/// Number of positions that are told apart along each side of a pixel.
 const PARTS: f32 = 256.0;
 
-/// 65536 times the value between the four pixels of [`Plane::square`], `x` / 256 of the way to
-/// the right and `y` / 256 down.
+/// Returns 65536 times the value between the four pixels of [`Plane::square`], at `x` / 256 of the
+/// way to the right and `y` / 256 of the way down.
 #[inline(always)]
 pub(crate) fn between([a, b, c, d]: [i32; 4], x: i32, y: i32) -> i32 {
     let (top, low) = ((a << 8) + x * (b - a), (c << 8) + x * (d - c));
     (top << 8) + y * (low - top)
 }
 
-/// A side of a plane, as a number with a sign.
+/// Returns a side of a plane as a signed number.
 #[allow(clippy::cast_possible_truncation, clippy::cast_possible_wrap, reason = "planes are far smaller")]
 const fn number(side: usize) -> i32 {
     side as i32
 }
 
-/// Owner of the planes of one frame.
+/// Owns the planes of one frame.
 #[derive(Debug)]
 pub struct Pyramid<const LUMA: usize, const CHROMA: usize> {
     /// Width and height of level 0, px.
@@ -195,25 +197,25 @@ impl<const LUMA: usize, const CHROMA: usize> Default for Pyramid<LUMA, CHROMA> {
 }
 
 impl<const LUMA: usize, const CHROMA: usize> Pyramid<LUMA, CHROMA> {
-    /// An empty pyramid, all zero.
+    /// Makes an empty pyramid. All its bytes are zero.
     #[must_use]
     pub const fn new() -> Self {
         Self { size: [0; 2], luma: [0; LUMA], chroma: [[0; CHROMA]; 2] }
     }
 
-    /// Whether a frame of this size fits.
+    /// Returns whether a frame of this size fits.
     #[must_use]
     pub const fn fits(width: usize, height: usize) -> bool {
         plane_bytes(width, height) <= LUMA && plane_bytes(width / 2, height / 2) <= CHROMA
     }
 
-    /// The planes without their const generics, for writing.
+    /// Returns the planes for writing, without their const generics.
     pub fn planes_mut(&mut self) -> PyramidMut<'_> {
         let Self { size, luma, chroma: [a, b] } = self;
         PyramidMut { size, luma, chroma: [a, b] }
     }
 
-    /// A view for the stages.
+    /// Returns a view for the stages.
     #[must_use]
     pub fn view(&self) -> PyramidView<'_> {
         let Self { size, luma, chroma: [a, b] } = self;
@@ -231,16 +233,16 @@ pub struct PyramidMut<'a> {
 }
 
 impl<'a> PyramidMut<'a> {
-    /// Whether a frame of this size fits.
+    /// Returns whether a frame of this size fits.
     #[must_use]
     pub const fn fits(&self, width: usize, height: usize) -> bool {
         plane_bytes(width, height) <= self.luma.len() && plane_bytes(width / 2, height / 2) <= self.chroma[0].len()
     }
 
-    /// Converts `frame` into level 0; [`PyramidMut::reduce`] makes the other levels.
+    /// Converts `frame` into level 0. [`PyramidMut::reduce`] makes the other levels.
     ///
     /// # Errors
-    /// [`FrameError::TooLarge`] when the frame does not fit.
+    /// Returns [`FrameError::TooLarge`] when the frame does not fit.
     pub fn load(&mut self, frame: &Frame<'_>) -> Result<(), FrameError> {
         let (w, h) = (frame.width(), frame.height());
         if !self.fits(w, h) {
@@ -253,15 +255,15 @@ impl<'a> PyramidMut<'a> {
         Ok(())
     }
 
-    /// Converts the luma of a part of a frame into level 0. The part must fit; chroma is left
-    /// as it was, and means nothing then.
+    /// Converts the luma of a part of a frame into level 0. The part must fit. The chroma planes
+    /// keep their old bytes, which then mean nothing.
     pub(crate) fn load_luma(&mut self, frame: &Frame<'_>, part: &Part) {
         *self.size = [part.columns.len(), part.rows.len()];
         frame.convert_luma_of(part, &mut self.luma[..part.columns.len() * part.rows.len()]);
     }
 
-    /// Sets the size and gives level 0 for writing: luma, then both chroma planes. `None` when
-    /// this size does not fit.
+    /// Sets the size and returns level 0 for writing: luma, then both chroma planes. Returns `None`
+    /// when the size does not fit.
     pub fn level0(&mut self, width: usize, height: usize) -> Option<(&mut [u8], &mut [i8], &mut [i8])> {
         if !self.fits(width, height) {
             return None;
@@ -281,20 +283,20 @@ impl<'a> PyramidMut<'a> {
         }
     }
 
-    /// Makes the levels of luma above level 0.
+    /// Makes the luma levels above level 0.
     pub(crate) fn reduce_luma(&mut self) {
         let [width, height] = *self.size;
         reduce_all(self.luma, width, height, halve_luma);
     }
 
-    /// A view for the stages, for as long as the planes are borrowed.
+    /// Turns the planes into a view for the stages, which lives as long as the planes are borrowed.
     #[must_use]
     pub fn into_view(self) -> PyramidView<'a> {
         let Self { size: &mut [width, height], luma, chroma: [a, b] } = self;
         PyramidView { width, height, luma, a, b }
     }
 
-    /// A view for the stages.
+    /// Returns a view for the stages.
     #[must_use]
     pub fn view(&self) -> PyramidView<'_> {
         let [width, height] = *self.size;
@@ -303,11 +305,11 @@ impl<'a> PyramidMut<'a> {
     }
 }
 
-/// A number that chroma is kept as.
+/// A type that holds chroma in one byte.
 pub(crate) trait Byte: Copy {
-    /// Its bits.
+    /// Returns the bits of the number.
     fn bits(self) -> u8;
-    /// The number of these bits.
+    /// Returns the number that has these bits.
     fn from_bits(bits: u8) -> Self;
 }
 
@@ -331,7 +333,7 @@ impl Byte for i8 {
     }
 }
 
-/// Halves rows by words of a kind: as many bytes at a time as the word has.
+/// Makes a module that halves rows, as many bytes at a time as a word has.
 macro_rules! halve_by {
     ($name:ident, $word:ty) => {
         mod $name {
@@ -339,14 +341,15 @@ macro_rules! halve_by {
 
             type Word = $word;
 
-            /// Bytes that are halved together.
+            /// Number of bytes that are halved together.
             const WORD: usize = size_of::<Word>();
 
-            /// The lower byte of each sum of 16 bits, and one in each.
+            /// Mask of the lower byte of each 16-bit part. `ONES` has the number 1 in each part.
             const EVEN: Word = Word::MAX / 0xffff * 0xff;
             const ONES: Word = Word::MAX / 0xffff;
 
-            /// First come the means of the squares that lie in a word and in that below it, halves rounded up.
+            /// Returns the means of the 2x2 squares of two words, `low` lying below `top`. Halves are
+            /// rounded up. The means fill the first half of the result.
             #[inline(always)]
             const fn means(top: Word, low: Word) -> [u8; WORD] {
                 let sums = (top & EVEN) + (top >> 8 & EVEN) + (low & EVEN) + (low >> 8 & EVEN) + 2 * ONES;
@@ -355,7 +358,7 @@ macro_rules! halve_by {
                 (pairs | pairs >> 16).to_le_bytes()
             }
 
-            /// Half a row of luma: means of two rows' squares.
+            /// Halves two rows of luma to one row. Each result is the mean of a 2x2 square.
             pub(crate) fn halve_luma(top: &[u8], low: &[u8], out: &mut [u8]) {
                 let (words, rest) = out.as_chunks_mut::<{ WORD / 2 }>();
                 let ((top, top_rest), (low, low_rest)) = (top.as_chunks(), low.as_chunks());
@@ -368,14 +371,14 @@ macro_rules! halve_by {
                 rest.copy_from_slice(&means(word(top_rest), word(low_rest))[..rest.len()]);
             }
 
-            /// Half a row of chroma: means of two rows' squares, each of the pixels that have chroma, of
-            /// which there must be two.
+            /// Halves two rows of chroma to one row. Each result is the mean of the pixels of a 2x2
+            /// square that have chroma. A square with fewer than two of them has no chroma.
             pub(crate) fn halve_chroma<T: Byte>(top: &[T], low: &[T], out: &mut [T]) {
-                // What this turns over is the number plus 128, and no chroma is 0.
+                // XOR with this mask gives the number plus 128. The byte that means no chroma becomes 0.
                 const SIGN: Word = Word::MAX / 0xff * 0x80;
                 const { assert!(NO_CHROMA.cast_unsigned() == 0x80, "no chroma is the byte that is 0 here") };
                 let word = |row: &[T; WORD]| Word::from_le_bytes(core::array::from_fn(|i| row[i].bits())) ^ SIGN;
-                // The highest bit of the first byte that is 0 is set, and perhaps those of others above it.
+                // This sets the highest bit of the first byte that is 0, and perhaps of bytes above it.
                 let zeros = |word: Word| word.wrapping_sub(SIGN >> 7) & !word;
                 let (words, rest) = out.as_chunks_mut::<{ WORD / 2 }>();
                 let ((top, top_rest), (low, low_rest)) = (top.as_chunks(), low.as_chunks());
@@ -394,7 +397,7 @@ macro_rules! halve_by {
                 if lacking & SIGN != 0 {
                     for ((out, top), low) in words.iter_mut().zip(top).zip(low) {
                         let words = [word(top), word(low)];
-                        // Where nothing has chroma the mean of all has none either.
+                        // When all pixels of both words lack chroma, their means above lack it already.
                         if (zeros(words[0]) | zeros(words[1])) & SIGN != 0 && words != [0; 2] {
                             *out = core::array::from_fn(|i| square(&top[2 * i..], &low[2 * i..]));
                         }
@@ -421,7 +424,7 @@ pub(crate) use by_eight::{halve_chroma, halve_luma};
 #[cfg(not(any(target_feature = "sse2", target_feature = "neon")))]
 pub(crate) use by_four::{halve_chroma, halve_luma};
 
-/// Mean of the pixels that have chroma; at least two must.
+/// Returns the mean of the pixels that have chroma. With fewer than two of them there is no chroma.
 fn chroma_mean(p: [i8; 4]) -> i8 {
     let (mut sum, mut n) = (0i16, 0i16);
     for v in p {
@@ -438,8 +441,8 @@ fn chroma_mean(p: [i8; 4]) -> i8 {
     }
 }
 
-/// Makes the levels above level 0, which lies at the start of `data` and has `w` x
-/// `h` px; the others follow it. `halve` makes a row of two.
+/// Makes the levels above level 0. Level 0 lies at the start of `data` and has `w` x `h` px. The
+/// other levels follow it. `halve` makes one row of two.
 pub(crate) fn reduce_all<T: Copy>(data: &mut [T], mut w: usize, mut h: usize, halve: impl Fn(&[T], &[T], &mut [T])) {
     let mut rest = data;
     for _ in 1..LEVELS {
@@ -454,7 +457,8 @@ pub(crate) fn reduce_all<T: Copy>(data: &mut [T], mut w: usize, mut h: usize, ha
     }
 }
 
-/// Makes the levels above level 0 of a chroma plane. Not inlined: boards have room for it once.
+/// Makes the levels above level 0 of a chroma plane. The function is not inlined, because boards
+/// have room for one copy of it.
 #[inline(never)]
 fn reduce_chroma(plane: &mut [i8], width: usize, height: usize) {
     reduce_all(plane, width, height, halve_chroma);
@@ -471,38 +475,38 @@ pub struct PyramidView<'a> {
 }
 
 impl<'a> PyramidView<'a> {
-    /// Width of level 0, px.
+    /// Returns the width of level 0, px.
     #[must_use]
     pub const fn width(&self) -> usize {
         self.width
     }
 
-    /// Height of level 0, px.
+    /// Returns the height of level 0, px.
     #[must_use]
     pub const fn height(&self) -> usize {
         self.height
     }
 
-    /// Luma of level `level`.
+    /// Returns the luma of level `level`.
     ///
     /// # Panics
-    /// When the view has no such level.
+    /// Panics when the view has no such level.
     #[must_use]
     pub fn luma(&self, level: usize) -> Plane<'a, u8> {
         level_of(self.luma, self.width, self.height, level)
     }
 
-    /// Both chroma planes of level `level`, half the size of its luma.
+    /// Returns both chroma planes of level `level`. They have half the size of its luma.
     ///
     /// # Panics
-    /// When the view has no such level.
+    /// Panics when the view has no such level.
     #[must_use]
     pub fn chroma(&self, level: usize) -> [Plane<'a, i8>; 2] {
         [self.a, self.b].map(|p| level_of(p, self.width / 2, self.height / 2, level))
     }
 }
 
-/// Bytes of all levels of a plane of this size, a byte a pixel.
+/// Returns the number of bytes of all levels of a plane of this size, at one byte a pixel.
 pub(crate) const fn plane_bytes(width: usize, height: usize) -> usize {
     let (mut bytes, mut l) = (0, 0);
     while l < LEVELS {
@@ -512,7 +516,7 @@ pub(crate) const fn plane_bytes(width: usize, height: usize) -> usize {
     bytes
 }
 
-/// Level `level` of a plane whose level 0 has `width` x `height` px.
+/// Returns level `level` of a plane whose level 0 has `width` x `height` px.
 pub(crate) fn level_of<T>(data: &[T], width: usize, height: usize, level: usize) -> Plane<'_, T> {
     assert!(level < LEVELS, "a pyramid has {LEVELS} levels");
     let start = (0..level).map(|l| (width >> l) * (height >> l)).sum();
@@ -520,20 +524,20 @@ pub(crate) fn level_of<T>(data: &[T], width: usize, height: usize, level: usize)
     Plane { data: &data[start..][..width * height], width, height }
 }
 
-/// Level 0 px of a plane's pyramid to px of level `level`.
+/// Returns the map from px of level 0 to px of level `level`.
 #[must_use]
 pub fn into_level(level: usize) -> Homography {
     Homography::scaling([1.0 / f32::from(1u8 << level); 2])
 }
 
-/// Px of level `level` to those of level 0.
+/// Returns the map from px of level `level` to px of level 0.
 #[must_use]
 pub fn out_of_level(level: usize) -> Homography {
     Homography::scaling([f32::from(1u8 << level); 2])
 }
 
-/// The point of level 0 that lies at `p` in level `level` (pixel centres at
-/// integers on both).
+/// Returns the position in level 0, px, of the point `p` of level `level`. Pixel centres lie at
+/// integers on both levels.
 #[must_use]
 pub fn to_level0(p: Point, level: usize) -> [f32; 2] {
     let scale = f32::from(1u8 << level);
@@ -566,7 +570,8 @@ mod tests {
         assert_eq!(chroma_mean([-4, -4, -4, -4]), -4);
     }
 
-    /// Rows of all lengths, with words whose pixels have chroma all, in part, and not at all.
+    /// Rows of all lengths are halved. In some words all pixels have chroma, in some a part, in
+    /// some none.
     #[test]
     fn rows_halved_by_words_are_means_of_squares() {
         let noise = |i: usize, seed: usize| ((i + 1) * (seed + 77)) as u32;

@@ -1,19 +1,20 @@
-//! Scaling pictures down before they are looked at.
+//! Scales pictures down before they are analysed.
 //!
-//! In: interleaved bytes, one or more a pixel. Out: a smaller picture in the
-//! caller's buffer, each pixel the mean of the area that it covers (so that
-//! nothing aliases), in integers. Memory: 2 KB of stack. Cost: one pass over the source.
+//! In: interleaved bytes, one or more a pixel. Out: a smaller picture in the caller's buffer. Each
+//! pixel is the mean of the area that it covers, so that nothing aliases. The arithmetic uses
+//! integers.
+//!
+//! Memory: 2 KB of stack. Cost: one pass over the source.
 
 use core::ops::Range;
 
-/// Sums of columns that are held at once.
+/// Number of column sums that are held at once.
 const TILE: usize = 512;
 
-/// Scales `source`, of `from` (width, height) px with `C` bytes a pixel, down to
-/// `to` px.
+/// Scales `source` down to `to` px. `source` has `from` (width, height) px with `C` bytes a pixel.
 ///
 /// # Panics
-/// When a buffer is shorter than its size says, or `to` has a zero side.
+/// Panics when a buffer is shorter than its size says, or when `to` has a zero side.
 pub fn shrink<const C: usize>(source: &[u8], from: (usize, usize), target: &mut [u8], to: (usize, usize)) {
     let mut tile = [0u32; TILE];
     let rows = target[..to.0 * to.1 * C].as_chunks_mut::<C>().0.chunks_exact_mut(to.0);
@@ -26,7 +27,7 @@ pub fn shrink<const C: usize>(source: &[u8], from: (usize, usize), target: &mut 
             let end = from.0.min(first + TILE / C);
             let columns = &mut tile[..(end - first) * C];
             sum_columns(source, from.0 * C, first * C, &ys, columns);
-            // The pixel that goes on in the next tile is looked at there again.
+            // A pixel that extends into the next tile is finished there.
             while let Some((pixel, xs)) = pixels.peek_mut() {
                 add(&mut sums, columns.as_chunks().0, first, xs.start.max(first << 8)..xs.end.min(end << 8));
                 if xs.end > end << 8 {
@@ -40,20 +41,21 @@ pub fn shrink<const C: usize>(source: &[u8], from: (usize, usize), target: &mut 
     }
 }
 
-/// Sums of the columns of `out`, which start at byte `at` of each row of `stride` bytes:
-/// each row by how much of it lies within `ys`.
+/// Writes sums of columns of bytes into `out`. The columns start at byte `at` of each row, and a
+/// row has `stride` bytes. Each row is weighted by how much of it lies within `ys`, in 1/256 px.
 fn sum_columns(source: &[u8], stride: usize, at: usize, ys: &Range<usize>, out: &mut [u32]) {
     out.fill(0);
     for y in ys.start >> 8..ys.end.div_ceil(256) {
         let weight = covered(y, ys);
         for (sum, &v) in out.iter_mut().zip(&source[y * stride + at..]) {
-            // At most 256 * 255.
+            // The product is at most 256 * 255.
             *sum += u32::from(weight * u16::from(v));
         }
     }
 }
 
-/// Adds the columns, of which the first is number `first`, that lie within `xs`.
+/// Adds the columns that lie within `xs` to `sums`. The first of `columns` is column number
+/// `first`.
 fn add<const C: usize>(sums: &mut [u64; C], columns: &[[u32; C]], first: usize, xs: Range<usize>) {
     for x in xs.start >> 8..xs.end.div_ceil(256) {
         let weight = u64::from(covered(x, &xs));
@@ -63,8 +65,8 @@ fn add<const C: usize>(sums: &mut [u64; C], columns: &[[u32; C]], first: usize, 
     }
 }
 
-/// A weight, and its reciprocal with 56 bits behind the point, rounded up: division takes
-/// long, and all pixels of a row have one of two weights.
+/// The weight of a pixel, and its reciprocal with 56 bits behind the point, rounded up. Division is
+/// slow, and all pixels of a row have one of two weights.
 #[derive(Clone, Copy)]
 struct Weight {
     weight: u64,
@@ -77,21 +79,22 @@ impl Weight {
         Self { weight, reciprocal: (1u64 << 56).div_ceil(weight.max(1)) }
     }
 
-    /// The sums, each at most 255 times the weight, over the weight, to the nearest.
+    /// Divides the sums by the weight and rounds to the nearest integer. A sum is at most 255 times
+    /// the weight.
     #[allow(clippy::cast_possible_truncation, reason = "means of bytes")]
     fn means<const C: usize>(self, sums: &[u64; C]) -> [u8; C] {
         sums.map(|sum| {
             let sum = sum + self.weight / 2;
             let mean = (sum * self.reciprocal) >> 56;
-            // It was rounded up.
+            // The reciprocal is rounded up, so the mean can be one too large.
             (mean - u64::from(mean * self.weight > sum)) as u8
         })
     }
 }
 
-/// What each of `to` pixels covers of `from`, in 1/256 px.
+/// Returns the range of `from` pixels that each of `to` pixels covers, in 1/256 px.
 fn spans(from: usize, to: usize) -> impl Iterator<Item = Range<usize>> {
-    // Edge `i` is the whole part of `256 * from * i / to`.
+    // Edge `i` is the integer part of `256 * from * i / to`.
     let (whole, part) = (256 * from / to, 256 * from % to);
     let (mut start, mut rest) = (0, 0);
     (0..to).map(move |_| {
@@ -102,7 +105,7 @@ fn spans(from: usize, to: usize) -> impl Iterator<Item = Range<usize>> {
     })
 }
 
-/// How much of pixel `i` lies within a span, in 1/256 px.
+/// Returns how much of pixel `i` lies within a span, in 1/256 px.
 #[allow(clippy::cast_possible_truncation, reason = "at most 256")]
 fn covered(i: usize, span: &Range<usize>) -> u16 {
     (span.end.min((i + 1) << 8) - span.start.max(i << 8)) as u16
@@ -117,12 +120,12 @@ mod tests {
         let mut out = [0; 2];
         shrink::<1>(&[10, 20, 30, 50], (2, 2), &mut out, (1, 1));
         assert_eq!(out[0], 28);
-        // Three pixels into two: each covers one and a half.
+        // Three pixels become two: each covers one and a half.
         shrink::<1>(&[0, 90, 240], (3, 1), &mut out, (2, 1));
         assert_eq!(out, [30, 190]);
     }
 
-    /// Tiles end within pixels, and pixels are wider than tiles.
+    /// Some tiles end within a pixel, and some pixels are wider than a tile.
     #[test]
     fn pixels_wider_than_a_tile_are_means_too() {
         let source: std::vec::Vec<u8> = (0..3 * 1500usize).map(|i| (i * i / 7) as u8).collect();

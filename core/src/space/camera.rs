@@ -1,61 +1,62 @@
-//! Where an object is in space: the pose of its plane before a calibrated camera.
+//! Finds where an object is in space: the pose of its plane before a calibrated camera.
 //!
-//! In: a homography from the picture to the frame, the camera's intrinsics, the
-//! picture's size in px and its true width in mm. Out: a [`PlanePose`]: rotation
-//! and translation (mm) that carry object coordinates into camera coordinates.
+//! In: a homography from the picture to the frame, the camera's intrinsics, the picture's size in
+//! px and its true width in mm. Out: a [`PlanePose`], that is rotations and translations (mm) that
+//! carry object coordinates into camera coordinates.
 //!
-//! Camera coordinates, mm: x to the right and y down in the frame, z away from
-//! the camera, as in OpenCV. Object coordinates, mm: x to the right and y down in
-//! the picture, z into it, and the origin at the **middle of the picture**: there
-//! the errors of rotation and translation are independent of each other (seen from
-//! a corner, a tilt that is wrong by a degree also moves the origin). An object
-//! seen from the front, upright, has the identity as its rotation.
+//! Camera coordinates are in mm: x to the right and y down in the frame, z away from the camera, as
+//! in OpenCV. Object coordinates are in mm: x to the right and y down in the picture, z into it.
+//! Their origin is the **middle of the picture**. There the errors of rotation and translation are
+//! independent of each other. (With the origin at a corner, a tilt that is wrong by a degree also
+//! moves the origin.) An upright object that is seen from the front has the identity as its
+//! rotation.
 //!
-//! Method: the map's derivative at the middle is, but for the distance, two columns
-//! of a rotation seen along the line of sight; orthonormality completes them in two
-//! ways, and each is refined by Gauss-Newton steps on the reprojection error over a
-//! grid of points (T. Collins, A. Bartoli, *Infinitesimal Plane-Based Pose
-//! Estimation*, IJCV 2014; G. Schweighofer, A. Pinz, *Robust Pose Estimation from a
-//! Planar Target*, PAMI 2006).
+//! Method: the derivative of the map at the middle gives two columns of a rotation, seen along the
+//! line of sight and divided by the distance. Orthonormality completes them in two ways.
+//! Gauss-Newton steps refine each of the two poses. They reduce the reprojection error over a grid
+//! of points (T. Collins, A. Bartoli, *Infinitesimal Plane-Based Pose Estimation*, IJCV 2014; G.
+//! Schweighofer, A. Pinz, *Robust Pose Estimation from a Planar Target*, PAMI 2006).
 //!
-//! **Why two.** A plane tilted towards the camera and one tilted away by the same
-//! angle look alike but for perspective: how much larger the near edge appears. A
-//! tilt of angle t moves points of an object of size s px at distance d (in sizes of
-//! the object) by some s sin(t) / (2 d) px against its mirror image. Seen almost
-//! from the front, from afar, or small, that is less than the homography is off, and
-//! either may be the true one. The cosine of the tilt, which is what remains, hardly
-//! changes near the front: 1 % of error there is a tilt of 8 degrees. So both poses
-//! are given, with their errors, and [`PlanePose::is_ambiguous`] says when they
-//! cannot be told apart. Position and the turn within the plane are sound in either.
+//! **Why there are two poses.** A plane that is tilted towards the camera and a plane that is
+//! tilted away by the same angle look alike. Only perspective tells them apart: how much larger the
+//! near edge appears. Take an object of size s px at distance d (in sizes of the object). A tilt of
+//! angle t moves its points by some s sin(t) / (2 d) px against the mirrored tilt. For an object
+//! that is small, far away, or seen almost from the front, this is less than the error of the
+//! homography, and either pose may be the true one. What remains is the cosine of the tilt, which
+//! hardly changes near the front: 1 % of error there is a tilt of 8 degrees. Both poses are
+//! therefore given, with their errors. [`PlanePose::is_ambiguous`] says when they cannot be told
+//! apart. The position and the turn within the plane are reliable in both.
 //!
-//! The lens is taken to be free of distortion. Memory: none but some 400 bytes of
-//! stack. Cost: about 40,000 operations a detection, nothing a frame.
+//! The lens is assumed to be free of distortion.
+//!
+//! Memory: only some 400 bytes of stack. Cost: about 40,000 operations a detection, nothing a
+//! frame.
 
 use crate::base::geometry::Homography;
 use crate::base::math;
 use crate::detect::pose::solve;
 
-/// Points of the grid, along each side of the picture.
+/// Number of points along each side of the grid over the picture.
 const GRID: usize = 4;
 const POINTS: usize = GRID * GRID;
-/// Most Gauss-Newton steps; four suffice but for nearly flat minima.
+/// Maximum number of Gauss-Newton steps. Four are enough, except in nearly flat minima.
 const STEPS: usize = 12;
-/// Reprojection errors that differ by less than this say nothing, px: detections
-/// are about as accurate.
+/// Minimum difference of reprojection errors that says something, px. Detections are about as
+/// accurate as this.
 const TELLING_PX: f32 = 0.5;
 
-/// Why there is no pose.
+/// The reason why there is no pose.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum CameraError {
-    /// A focal length is not above zero, or a number is not finite: give those of a
+    /// A focal length is not above zero, or a number is not finite. Pass the intrinsics of a
     /// calibration, in px of the frame.
     Intrinsics,
-    /// A side of the object is not above zero and finite: give its width in mm.
+    /// A side of the object is not above zero or not finite. Pass its width in mm.
     Size,
-    /// The homography shows the plane from behind, edge on, or reaching behind the
-    /// camera: it belongs to no pose.
+    /// The homography belongs to no pose: it shows the plane from behind, edge on, or reaching
+    /// behind the camera.
     Homography,
 }
 
@@ -71,8 +72,8 @@ impl core::fmt::Display for CameraError {
 
 impl core::error::Error for CameraError {}
 
-/// A pinhole camera. All in px of the frame as it was given to the detector, pixel
-/// centres at integers, as in OpenCV.
+/// A pinhole camera. All its numbers are in px of the frame as it was given to the detector. Pixel
+/// centres lie at integers, as in OpenCV.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Intrinsics {
@@ -81,18 +82,19 @@ pub struct Intrinsics {
 }
 
 impl Intrinsics {
-    /// With the focal lengths `fx` and `fy` and the principal point `(cx, cy)`, px.
+    /// Makes a camera with the focal lengths `fx` and `fy` and the principal point `(cx, cy)`, all
+    /// in px.
     ///
     /// # Errors
-    /// [`CameraError::Intrinsics`] when a focal length is not above zero, or a number
+    /// Returns [`CameraError::Intrinsics`] when a focal length is not above zero, or when a number
     /// is not finite.
     pub fn new(fx: f32, fy: f32, cx: f32, cy: f32) -> Result<Self, CameraError> {
         let valid = fx > 0.0 && fy > 0.0 && [fx, fy, cx, cy].iter().all(|v| v.is_finite());
         valid.then_some(Self { focal: [fx, fy], centre: [cx, cy] }).ok_or(CameraError::Intrinsics)
     }
 
-    /// Where the camera sees `p` (camera coordinates, in any unit), px; not finite
-    /// when it lies beside the camera.
+    /// Returns where the camera sees `p`, px. `p` is in camera coordinates, in any unit. The result
+    /// is not finite when the depth of `p` is zero.
     #[must_use]
     pub fn project(&self, p: [f32; 3]) -> [f32; 2] {
         [0, 1].map(|i| self.focal[i] * p[i] / p[2] + self.centre[i])
@@ -104,18 +106,17 @@ impl Intrinsics {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub struct Pose {
-    /// Rotation matrix, row-major: its columns are the object's axes as the camera
-    /// sees them.
+    /// Rotation matrix, row-major. Its columns are the object's axes in camera coordinates.
     pub rotation: [f32; 9],
-    /// The picture's middle in camera coordinates, mm.
+    /// The middle of the picture in camera coordinates, mm.
     pub translation_mm: [f32; 3],
-    /// How far the homography's points lie from those of the pose, root mean square
-    /// over the picture, px.
+    /// Distance between the points of the homography and the points of the pose, px: root mean
+    /// square over the picture.
     pub error_px: f32,
 }
 
 impl Pose {
-    /// `p` (object coordinates, mm) in camera coordinates, mm.
+    /// Returns `p` (object coordinates, mm) in camera coordinates, mm.
     #[must_use]
     pub fn apply(&self, p: [f32; 3]) -> [f32; 3] {
         let (r, t) = (&self.rotation, &self.translation_mm);
@@ -123,34 +124,34 @@ impl Pose {
     }
 }
 
-/// Both poses that a plane may have.
+/// The two poses that a plane may have.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub struct PlanePose {
-    /// The one that fits better.
+    /// The pose that fits better.
     pub best: Pose,
-    /// The one whose tilt is mirrored about the line of sight: the next best, or,
-    /// where the error has no second minimum, the mirror image of the best.
+    /// The pose whose tilt is mirrored about the line of sight. It is the next best pose. Where the
+    /// error has no second minimum, it is the mirror image of the best pose.
     pub mirrored: Pose,
 }
 
 impl PlanePose {
-    /// Whether the mirrored pose fits almost as well, so that it may be the true one:
-    /// when its error is under 0.5 px, or under twice the better one's.
+    /// Returns whether the mirrored pose fits almost as well, so that it may be the true one. This
+    /// is so when its error is below 0.5 px, or below twice the error of the best pose.
     #[must_use]
     pub fn is_ambiguous(&self) -> bool {
         self.mirrored.error_px < TELLING_PX.max(2.0 * self.best.error_px)
     }
 }
 
-/// The poses at which the camera sees a picture of `size_px` (width, height), whose
-/// width is `width_mm` in truth, as `homography` (picture px to frame px) says. The
-/// picture's pixels are square and reach from -1/2 to width - 1/2.
+/// Returns the two poses at which the camera sees a picture as `homography` (picture px to frame
+/// px) says. The picture has `size_px` (width, height) pixels, and its true width is `width_mm`.
+/// Its pixels are square and reach from -1/2 to width - 1/2.
 ///
 /// # Errors
-/// [`CameraError::Size`] when a size is not above zero, [`CameraError::Homography`]
-/// when no pose has this homography.
+/// Returns [`CameraError::Size`] when a size is not above zero or not finite. Returns
+/// [`CameraError::Homography`] when no pose has this homography.
 pub fn plane_pose(
     homography: &Homography,
     intrinsics: &Intrinsics,
@@ -168,7 +169,7 @@ pub fn plane_pose(
     if other.1 < best.1 {
         core::mem::swap(&mut best, &mut other);
     }
-    // Both starts may have ended in one minimum.
+    // Both starts may have ended in the same minimum.
     let mirror = best.0.mirrored();
     if other.0.likeness(&mirror) <= other.0.likeness(&best.0) {
         other = (mirror, sight.error(&mirror));
@@ -178,20 +179,21 @@ pub fn plane_pose(
     finite.then_some(PlanePose { best, mirrored }).ok_or(CameraError::Homography)
 }
 
-/// A pose in units of half the picture's diagonal.
+/// A pose. The unit of length is half the diagonal of the picture.
 #[derive(Clone, Copy)]
 struct Placed {
     /// Rows of the rotation.
     r: [[f32; 3]; 3],
-    /// The middle of the picture in the frame: x/z and y/z.
+    /// Middle of the picture, as the camera sees it: x/z and y/z.
     at: [f32; 2],
-    /// One over the middle's depth.
+    /// 1 / depth of the middle.
     nearness: f32,
 }
 
 impl Placed {
-    /// The plane reflected along the line of sight, and turned over: `S R D` with the
-    /// reflections S along the sight and D along the object's z.
+    /// Returns the pose of the plane reflected along the line of sight and turned over. Its
+    /// rotation is `S R D`, where S is the reflection along the line of sight and D the reflection
+    /// along the object's z.
     fn mirrored(&self) -> Self {
         let v = unit([self.at[0], self.at[1], 1.0]);
         let along = [0, 1, 2].map(|c| 2.0 * dot(v, [0, 1, 2].map(|i| self.r[i][c])));
@@ -202,17 +204,19 @@ impl Placed {
         Self { r, ..*self }
     }
 
-    /// Trace of the rotation from one to the other: 3 when they are equal.
+    /// Returns the trace of the rotation from one pose to the other. It is 3 when the rotations are
+    /// equal.
     fn likeness(&self, o: &Self) -> f32 {
         self.r.iter().zip(&o.r).map(|(a, b)| dot(*a, *b)).sum()
     }
 
-    /// Object point `(x, y, 0)` relative to the middle, over the middle's depth.
+    /// Returns the object point `(x, y, 0)` relative to the middle, divided by the depth of the
+    /// middle.
     fn arm(&self, [x, y]: [f32; 2]) -> [f32; 3] {
         self.r.map(|row| (row[0] * x + row[1] * y) * self.nearness)
     }
 
-    /// Turned by the vector `w` (radians) about the picture's middle.
+    /// Returns the rotation turned by the vector `w` (radians) about the middle of the picture.
     fn turned(&self, w: [f32; 3]) -> [[f32; 3]; 3] {
         let angle = math::sqrt(dot(w, w));
         let (sin, cos) = math::sin_cos(angle);
@@ -222,7 +226,7 @@ impl Placed {
             let (s, d) = (cross(w, v), dot(w, v));
             [0, 1, 2].map(|i| cos * v[i] + a * s[i] + b * d * w[i])
         };
-        // Rounding is kept from adding up.
+        // This keeps rounding errors from adding up.
         let x = unit(column(0));
         let z = unit(cross(x, column(1)));
         from_columns(x, cross(z, x), z)
@@ -236,18 +240,18 @@ impl Placed {
     }
 }
 
-/// What the homography says, in units of half the picture's diagonal.
+/// Measurements that the homography gives. The unit of length is half the diagonal of the picture.
 struct Sight<'a> {
     intrinsics: &'a Intrinsics,
     /// Half the diagonal, picture px.
     unit_px: f32,
-    /// Half the diagonal, frame px, roughly.
+    /// Half the diagonal, frame px; approximate.
     size_px: f32,
-    /// The middle of the picture in the frame: x/z and y/z.
+    /// Middle of the picture, as the camera sees it: x/z and y/z.
     at: [f32; 2],
-    /// The derivative of x/z and y/z by the object's x and y, at the middle.
+    /// Derivative of x/z and y/z by the object's x and y, at the middle.
     jacobian: [[f32; 2]; 2],
-    /// Points of the object, and where the homography puts them, px.
+    /// Points of the object, and where the homography puts them in the frame, px.
     points: [([f32; 2], [f32; 2]); POINTS],
 }
 
@@ -266,7 +270,8 @@ impl<'a> Sight<'a> {
             (offset.map(|v| v / unit_px), h.apply([middle[0] + offset[0], middle[1] + offset[1]]))
         });
         let determinant = jacobian[0][0] * jacobian[1][1] - jacobian[0][1] * jacobian[1][0];
-        // Of one sign all over the picture, or the line at infinity crosses it.
+        // This must have one sign all over the picture, otherwise the line at infinity crosses the
+        // picture.
         let ahead = |[x, y]: [f32; 2]| (m[6] * x + m[7] * y) / m[8] > -1.0;
         let corners = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]];
         let visible = corners.iter().all(|c| ahead([c[0] * half[0] / unit_px, c[1] * half[1] / unit_px]));
@@ -283,21 +288,22 @@ impl<'a> Sight<'a> {
         })
     }
 
-    /// One of the two poses that have the derivative at the middle.
+    /// Returns one of the two poses that have the given derivative at the middle.
     fn first_guess(&self) -> Option<Placed> {
-        // A frame of axes with the line of sight as its third.
+        // These axes have the line of sight as the third.
         let [px, py] = self.at;
         let v = unit([px, py, 1.0]);
         let q0 = unit(cross([0.0, 1.0, 0.0], v));
         let q1 = cross(v, q0);
-        // Motion along q0 and q1, as x/z and y/z at depth 1; along v there is none.
+        // Motion along q0 and q1 moves x/z and y/z like this at depth 1. Motion along v does not
+        // move them.
         let b = [[q0[0] - px * q0[2], q1[0] - px * q1[2]], [q0[1] - py * q0[2], q1[1] - py * q1[2]]];
         let det = b[0][0] * b[1][1] - b[0][1] * b[1][0];
         let j = &self.jacobian;
         let a = [0, 1]
             .map(|c| [(b[1][1] * j[0][c] - b[0][1] * j[1][c]) / det, (b[0][0] * j[1][c] - b[1][0] * j[0][c]) / det]);
-        // Two columns of a rotation, less their part along the sight, over the depth:
-        // the larger singular value is one over the depth.
+        // These are two columns of a rotation without their part along the line of sight, divided
+        // by the depth. The larger singular value is one over the depth.
         let (m00, m11) = (a[0][0] * a[0][0] + a[0][1] * a[0][1], a[1][0] * a[1][0] + a[1][1] * a[1][1]);
         let m01 = a[0][0] * a[1][0] + a[0][1] * a[1][1];
         let spread = math::sqrt((m00 - m11) * (m00 - m11) + 4.0 * m01 * m01);
@@ -306,7 +312,7 @@ impl<'a> Sight<'a> {
             return None;
         }
         let nearness = math::sqrt(n2);
-        // What is missing to length 1 lies along the sight.
+        // The part that a column lacks to have length 1 lies along the line of sight.
         let along = [m00, m11].map(|m| math::sqrt((1.0 - m / n2).max(0.0)));
         let signs = [1.0, if m01 > 0.0 { -1.0 } else { 1.0 }];
         let column = |c: usize| {
@@ -318,7 +324,7 @@ impl<'a> Sight<'a> {
         Some(Placed { r: from_columns(x, cross(z, x), z), at: self.at, nearness })
     }
 
-    /// Root mean square distance over the grid, px.
+    /// Returns the root mean square of the reprojection error over the grid, px.
     fn error(&self, p: &Placed) -> f32 {
         let squares = self.points.iter().map(|&(from, to)| {
             let arm = p.arm(from);
@@ -328,7 +334,7 @@ impl<'a> Sight<'a> {
         math::sqrt(squares.sum::<f32>() / POINTS as f32)
     }
 
-    /// Gauss-Newton steps for as long as the error falls. Gives the error as well, px.
+    /// Takes Gauss-Newton steps for as long as the error falls. Returns the pose and its error, px.
     fn refine(&self, start: Placed) -> (Placed, f32) {
         let mut best = (start, self.error(&start));
         for _ in 0..STEPS {
@@ -342,8 +348,8 @@ impl<'a> Sight<'a> {
         best
     }
 
-    /// One step in the turn about the middle (3), the logarithm of the nearness, and
-    /// the middle's place.
+    /// Returns the pose after one step. The unknowns are the turn about the middle (3), the
+    /// logarithm of the nearness (1), and the place of the middle (2).
     fn step(&self, p: &Placed) -> Option<Placed> {
         let mut normal = [[0.0f32; 9]; 8];
         for &(from, to) in &self.points {
@@ -351,7 +357,8 @@ impl<'a> Sight<'a> {
             let q = [arm[0] + p.at[0], arm[1] + p.at[1], arm[2] + 1.0];
             let seen = self.intrinsics.project(q);
             for i in 0..2 {
-                // In sizes of the object, so that the matrix is near 1.
+                // The unit is the size of the object, so that the elements of the matrix are near
+                // 1.
                 let k = self.intrinsics.focal[i] / q[2] / self.size_px;
                 let mut g = [0.0, 0.0, -k * q[i] / q[2]];
                 g[i] = k;
@@ -407,13 +414,13 @@ mod tests {
     }
 
     impl Truth {
-        /// Tilted by `tilt` away from the line of sight towards `direction`, after a
-        /// turn of `turn` in the plane; all in degrees.
+        /// Makes a pose with a turn of `turn` within the plane, followed by a tilt of `tilt` away
+        /// from the line of sight towards `direction`. All angles are in degrees.
         fn new(tilt: f64, direction: f64, turn: f64, translation_mm: [f64; 3]) -> Self {
             let [tilt, direction, turn] = [tilt, direction, turn].map(f64::to_radians);
             let about_z = |a: f64| [[a.cos(), -a.sin(), 0.0], [a.sin(), a.cos(), 0.0], [0.0, 0.0, 1.0]];
             let about_x = |a: f64| [[1.0, 0.0, 0.0], [0.0, a.cos(), -a.sin()], [0.0, a.sin(), a.cos()]];
-            // The line of sight to the middle, and two axes across it.
+            // `v` is the line of sight to the middle. The other two axes lie across it.
             let norm = translation_mm.iter().map(|v| v * v).sum::<f64>().sqrt();
             let v = translation_mm.map(|c| c / norm);
             let k = v[0].hypot(v[2]);
@@ -432,12 +439,14 @@ mod tests {
             })
         }
 
-        /// Degrees between the rotations, and the distance as a part of the depth.
+        /// Returns the angle between the rotations, degrees, and the distance between the positions
+        /// divided by the depth.
         fn errors(&self, pose: &Pose) -> (f64, f64) {
             let trace: f64 = (0..9).map(|i| self.rotation[i / 3][i % 3] * f64::from(pose.rotation[i])).sum();
             let squares: f64 =
                 (0..3).map(|i| (self.translation_mm[i] - f64::from(pose.translation_mm[i])).powi(2)).sum();
-            // From the chord, which small angles do not round away.
+            // The angle is computed from the chord, because rounding then does not hide small
+            // angles.
             let chord = ((3.0 - trace) / 2.0).max(0.0).sqrt() / 2f64.sqrt();
             (2.0 * chord.min(1.0).asin().to_degrees(), squares.sqrt() / self.translation_mm[2])
         }
@@ -447,8 +456,8 @@ mod tests {
         core::array::from_fn(|i| core::array::from_fn(|j| (0..3).map(|k| a[i][k] * b[k][j]).sum()))
     }
 
-    /// The homography from the picture to four corners of its outline in the frame
-    /// (the map of the unit square in closed form; P. Heckbert, 1989).
+    /// Returns the homography from the picture to four corners of its outline in the frame. It uses
+    /// the map of the unit square in closed form (P. Heckbert, 1989).
     fn homography(c: [[f64; 2]; 4]) -> Homography {
         let d = |i: usize, j: usize| [c[i][0] - c[j][0], c[i][1] - c[j][1]];
         let (d1, d2) = (d(1, 2), d(3, 2));
@@ -469,14 +478,14 @@ mod tests {
         Intrinsics::new(620.0, 600.0, 325.0, 236.0).unwrap()
     }
 
-    /// Random numbers, evenly from -1 to 1.
+    /// Returns a random number, evenly distributed from -1 to 1.
     fn noise(seed: &mut u32) -> f64 {
         *seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
         f64::from(*seed >> 8) / f64::from(1u32 << 23) - 1.0
     }
 
-    /// Poses over the whole frame, turned and tilted every way, from 400 mm (the
-    /// object fills half the frame) to 1200 mm (it is 108 px wide).
+    /// Returns poses over the whole frame, turned and tilted in every way. The depths go from 400
+    /// mm (the object fills half the frame) to 1200 mm (the object is 108 px wide).
     fn truths() -> Vec<Truth> {
         let mut truths = Vec::new();
         let mut seed = 7;
@@ -493,7 +502,7 @@ mod tests {
     }
 
     fn seen(truth: &Truth, noise_px: f64, seed: &mut u32) -> PlanePose {
-        // Evenly spread noise of this standard deviation.
+        // The noise is evenly distributed and has this standard deviation.
         let width = noise_px * 3f64.sqrt();
         let corners = truth.corners(&camera()).map(|c| c.map(|v| v + width * noise(seed)));
         plane_pose(&homography(corners), &camera(), SIZE_PX, WIDTH_MM).unwrap()
@@ -537,7 +546,7 @@ mod tests {
         assert!((pose.translation_mm[2] - 600.0).abs() < 0.1, "{:?}", pose.translation_mm);
     }
 
-    /// What 0.3 px of noise on each coordinate of each corner costs.
+    /// Measures what 0.3 px of noise on each coordinate of each corner costs.
     #[test]
     #[cfg_attr(miri, ignore = "statistics over 720 poses would take minutes")]
     fn noise_of_a_third_of_a_pixel() {
@@ -546,7 +555,7 @@ mod tests {
         for truth in truths() {
             for _ in 0..10 {
                 let poses = seen(&truth, 0.3, &mut seed);
-                // Where they cannot be told apart, the nearer of the two counts.
+                // When the two poses cannot be told apart, the nearer one counts.
                 let errors = [poses.best, poses.mirrored].map(|p| truth.errors(&p));
                 if !poses.is_ambiguous() {
                     clear += 1;

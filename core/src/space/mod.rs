@@ -1,4 +1,4 @@
-//! From the plane of the frame to the space before the camera.
+//! This layer leads from the plane of the frame to the space before the camera.
 //!
 //! Rule: nothing here looks at pixels.
 
