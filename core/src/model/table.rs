@@ -40,7 +40,7 @@ struct Cut {
     below: usize,
     /// Number of places left for the cost `below`.
     left: usize,
-    /// Number of keygraphs with the cost `below`.
+    /// Number of keygraphs with the cost `below` that the maximum for each subset admits.
     next: usize,
 }
 
