@@ -89,7 +89,7 @@ pub struct Bar {
     /// Minimum weight of a candidate that needs no `support`.
     pub heavy: u32,
     /// Minimum agreement of blocks for a candidate that weighs less than `heavy`:
-    /// [`Appearance::support`](crate::stages::align::Appearance::support).
+    /// [`Appearance::support`](crate::Appearance::support).
     pub support: f32,
 }
 
