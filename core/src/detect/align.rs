@@ -20,7 +20,7 @@ use crate::model::parse::Template;
 
 /// Minimum number of blocks that agree: before the first step, and after each refinement. Of 565
 /// right poses all had at least 2.4 when they were grown. Of the wrong poses, two in five fail the
-/// first minimum, and two in three fail either.
+/// first minimum, and two in three fail at least one of the two.
 const LEAST_SUPPORT: [f32; 2] = [1.2, 2.0];
 
 /// A refinement: some steps of [`refine`] on one level.
@@ -34,8 +34,8 @@ pub(crate) struct Refinement {
     /// Stop distance, px of the level: a step that moves every corner by less is the last.
     pub(crate) still: f32,
     /// Minimum support that must remain, as a fraction of the support so far. Support is measured
-    /// on level 1, which is too coarse to show what the finest steps gain. The finest steps only
-    /// must not lose the object.
+    /// on level 1, which is too coarse to show what the finest steps gain. For the finest steps it
+    /// is enough not to lose the object.
     pub(crate) keep: f32,
 }
 const REFINEMENTS: [Refinement; 3] = [
@@ -44,7 +44,8 @@ const REFINEMENTS: [Refinement; 3] = [
     Refinement { level: 0, blocks: 6, times: 3, still: 0.12, keep: 0.98 },
 ];
 
-/// Distance over which the finest steps cannot lose the object, px of the template.
+/// Distance below which the finest steps are taken without a check of the support, px of the
+/// template. Steps this short cannot lose the object.
 const SHORT_WAY: f32 = 1.0;
 
 /// Aligns the frame with the template by their gradients. It starts at `h` (picture px to frame
@@ -201,8 +202,8 @@ impl<'a> Coarse<'a> {
 struct Normal([[f32; 9]; 8]);
 
 impl Normal {
-    /// Adds pixels as if all of them lay at `(u, v)`. One pixel has the row `[gx u, gx v, gx, gy u,
-    /// gy v, gy, -u a, -v a]` in the design matrix, with `a = gx u + gy v`. The gradients of the
+    /// Adds pixels as if all of them lay at `(u, v)`. One pixel has this row in the design matrix,
+    /// with `a = gx u + gy v`: `[gx u, gx v, gx, gy u, gy v, gy, -u a, -v a]`. The gradients of the
     /// pixels are their steps times `scale`.
     fn add(&mut self, sums: &[f32; 5], scale: f32, [u, v]: [f32; 2]) {
         let [xx, xy, yy] = [0, 1, 2].map(|i| sums[i] * (scale * scale));

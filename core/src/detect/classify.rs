@@ -8,8 +8,8 @@
 //! lists of many objects, compares sketches; it leaves one in three. The third compares features,
 //! and ends as soon as a keygraph cannot be among the nearest.
 //!
-//! Memory: [`Match`], 8 bytes. Cost: 12 operations for each key that is read. This is the most
-//! frequent operation of the detector.
+//! Memory: [`Match`], 8 bytes. Cost: 12 operations for each key that is read. This is the inner
+//! loop of the search.
 
 use heapless::Vec;
 
@@ -149,7 +149,7 @@ impl Pattern {
 }
 
 /// Compares many keys by [`Pattern::alike`]. `out` receives one bit for each key, four in a byte.
-/// The function is not inlined, because the compiler then vectorises it.
+/// The function is not inlined: this lets the compiler vectorise it.
 #[cfg_attr(feature = "dispatch", multiversion::multiversion(targets("x86_64+avx2")))]
 #[inline(never)]
 fn alike(pattern: &Pattern, keys: [&[u8; BLOCK]; 4], out: &mut [u8; BLOCK / 4]) {

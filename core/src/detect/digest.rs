@@ -222,6 +222,6 @@ mod tests {
         assert_eq!(moved, Stage::ALL.map(|s| s == Stage::Corners));
         let mut other = Digests::new();
         other.add(Output::Corners(&[Point::new(32, 16)]));
-        assert_ne!(d, other, "places are not exchanged");
+        assert_ne!(d, other, "x and y must not be interchangeable");
     }
 }

@@ -31,9 +31,9 @@ const LEAST_GLANCE: f32 = 0.2;
 /// Minimum correlation of luma for chroma to be compared.
 const LEAST_LUMA: f32 = 0.3;
 
-/// Factor that replaces chroma where there is none. What the correlation of luma lacks to 1 is
-/// multiplied by this factor, and counts as what the correlation of chroma lacks. With this value
-/// luma alone lets through as many wrong matches as luma and chroma together.
+/// Factor for a match without chroma. What the correlation of luma lacks to 1 is multiplied by this
+/// factor, and counts as what the correlation of chroma lacks. With this value luma alone lets
+/// through as many wrong matches as luma and chroma together.
 const GRAY: f32 = 7.0 / 3.0;
 /// Minimum number of a window's pixels that lie in the frame, of luma and of chroma.
 const LEAST_LUMA_SAMPLES: usize = 36;

@@ -512,7 +512,7 @@ mod tests {
         let fills = |record: usize, fields: &[(usize, usize)]| {
             let mut end = 0;
             for &(at, bytes) in fields {
-                assert_eq!(at, end, "of a record of {record} bytes");
+                assert_eq!(at, end, "a gap or an overlap in a record of {record} bytes");
                 end += bytes;
             }
             assert_eq!(end, record);
