@@ -3,9 +3,9 @@
 //! In: a frame and a model. Out: where the model's objects are. [`Detector`] checks the frame,
 //! makes its pyramid, and searches it as the plan says.
 //!
-//! Memory: the buffers of the profile, and a flag. A detector lives in a `static` through `const fn
-//! new()` and is all zero there. Cost: the sum of the stages, timed by the caller's clock. Full:
-//! each stage counts what it dropped in [`Stats`].
+//! Memory: the buffers of the profile, and a flag. A detector fits a `static`, because `new` is a
+//! `const fn`, and is all zero there. Cost: the sum of the stages, timed by the caller's clock.
+//! Full: each stage counts what it dropped in [`Stats`].
 
 use crate::base::capacity::{Buffer, LEVELS, Room, Stage};
 use crate::detect::buffers::{Buffers, Hd, Lent, Limits, Profile, Qqvga, Qvga, Vga};
@@ -79,8 +79,8 @@ impl<P: Profile + ?Sized> Detector<P> {
     }
 
     /// Searches `frame` for the objects of `model`. Returns the detections that score at least
-    /// `threshold`, best first. `observer` gives the time between the stages, and is shown what
-    /// they make.
+    /// `threshold`, best first. `observer` is asked for the time between the stages, and is shown
+    /// what they make.
     ///
     /// # Errors
     /// [`FrameError::TooLarge`] when the frame exceeds the profile.
@@ -128,7 +128,7 @@ impl<P: Profile + ?Sized> Detector<P> {
     }
 
     /// Loads the luma of a part of `frame`, which becomes the [`Detector::frame`]. It does not
-    /// search the part. `observer` gives the time between the stages.
+    /// search the part. `observer` is asked for the time between the stages.
     pub(crate) fn load_luma(
         &mut self,
         frame: &Frame<'_>,
