@@ -248,7 +248,7 @@ mod tests {
     const SIDE: usize = if cfg!(miri) { 48 } else { 96 };
     const WIDTH: usize = 5 * SIDE / 2;
     const HEIGHT: usize = 3 * WIDTH / 4;
-    /// Where the object lies in the frame, px.
+    /// Position of the object in the frame, px.
     const PLACE: [f32; 2] = [WIDTH as f32 / 12.0, WIDTH as f32 / 8.0];
 
     /// A texture without repetition.

@@ -414,9 +414,9 @@ impl<const R: usize> Row<'_, R> {
     }
 }
 
-/// Where the pixels of a row of the template lie in a plane of the frame. `from` holds the two
-/// numerators and the denominator of the first pixel's position, `step` their change from one pixel
-/// to the next.
+/// Positions of a row of template pixels in a plane of the frame. `from` holds the two numerators
+/// and the denominator of the first pixel's position, `step` their change from one pixel to the
+/// next.
 struct Scanline<'a> {
     plane: Plane<'a, u8>,
     from: [f32; 3],

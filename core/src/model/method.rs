@@ -29,7 +29,7 @@ impl Method {
         }
     }
 
-    /// Where the features of the method are sampled.
+    /// Points at which the features of the method are sampled.
     #[must_use]
     pub const fn sampling(self) -> Sampling {
         match self {
