@@ -1,10 +1,9 @@
-//! Finds planar objects (books, posters, boxes, signs) in camera frames from one
-//! picture of each, without an operating system, without a heap, in memory that is
-//! fixed at compile time.
+//! Finds planar objects (books, posters, boxes, signs) in camera frames from one picture of each.
+//! It needs no operating system and no heap. Its memory is fixed at compile time.
 //!
-//! The method is that of keygraphs (M. Hashimoto, R. Cesar, *A Keygraph
-//! Classification Framework for Real-Time Object Detection*): triangles of corners
-//! are classified by what lies inside them, and the matches vote for a pose.
+//! The method is that of keygraphs (M. Hashimoto, R. Cesar, *A Keygraph Classification Framework
+//! for Real-Time Object Detection*): triangles of corners are classified by what lies inside them,
+//! and the matches vote for a pose.
 //!
 //! ```text
 //! frame ──► pyramid ──► corners ──► delaunay ──► keygraph ──► feature
@@ -18,20 +17,24 @@
 //!                                    picture ──► train ──► (bytes, read in place)
 //! ```
 //!
-//! # To use
+//! # Use
 //!
-//! Five types do the work: a [`Frame`] borrows the bytes of a camera, a [`Model`] borrows the
-//! bytes of a trained model, a [`Detector`] of one of four profiles finds the model's objects in
-//! a frame, a [`Tracker`] follows them from frame to frame for a small part of the cost, and a
-//! [`Trainer`] makes a model of a picture. They stand at the root of the crate, with what they
-//! take and give.
+//! Five types do the work:
+//!
+//! - A [`Frame`] borrows the bytes of a camera.
+//! - A [`Model`] borrows the bytes of a trained model.
+//! - A [`Detector`] of one of four profiles finds the model's objects in a frame.
+//! - A [`Tracker`] follows the objects from frame to frame for a small part of the cost.
+//! - A [`Trainer`] makes a model from a picture.
+//!
+//! These types stand at the root of the crate, with the types of their arguments and results.
 //!
 //! # The stages
 //!
-//! A stage is a file, and a file imports only from files above it, in the order in which a frame
-//! flows through them. Every stage can be used alone: [`stages`]. The files are grouped in
-//! layers (`base`, `image`, `extract`, `model`, `detect`, `follow`, `space`), each of which
-//! states its rule in its `mod.rs`.
+//! Each stage is a file. A file imports only from the files above it, in the order in which a frame
+//! flows through the stages. Every stage can be used alone: [`stages`]. The files are grouped in
+//! layers (`base`, `image`, `extract`, `model`, `detect`, `follow`, `space`). Each layer states its
+//! rule in its `mod.rs`.
 //!
 //! # Example
 //!
@@ -39,7 +42,7 @@
 //! use std::sync::Mutex;
 //! use keygraph_core::{DEFAULT_THRESHOLD, Frame, Model, PixelFormat, Preset, QqvgaDetector, QqvgaTrainer};
 //!
-//! // All zero: in a static they cost no flash and no stack.
+//! // Trainer and detector are all zero: in a static they cost no flash and no stack.
 //! static TRAINER: Mutex<QqvgaTrainer> = Mutex::new(QqvgaTrainer::new());
 //! static DETECTOR: Mutex<QqvgaDetector> = Mutex::new(QqvgaDetector::new());
 //!
@@ -63,8 +66,8 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! With the feature `dispatch`, which needs std, some loops are compiled for AVX2 too, and that
-//! code is taken where the processor has it: a tenth faster, and the same results.
+//! The feature `dispatch` needs std. It compiles some loops for AVX2 too, and uses that code when
+//! the processor has AVX2. Detection is then a tenth faster, with the same results.
 //!
 //! | profile | frame | detector with a raw frame |
 //! | --- | --- | --- |
@@ -73,10 +76,10 @@
 //! | [`VgaDetector`] | 640 x 480 | at most 4 MB |
 //! | [`HdDetector`] | 1280 x 720 | at most 12 MB |
 //!
-//! A full buffer is never an error: corners keep the strongest, later stages what
-//! came first (best corners and coarse triangles come first), and what was lost is
-//! counted ([`StageStats`]). Nothing here reads a clock; callers pass
-//! one, or an [`Observer`] that is also shown what each stage makes.
+//! A full buffer is never an error. Corners keep the strongest, and later stages keep what came
+//! first: best corners and coarse triangles come first. The losses are counted in [`StageStats`].
+//! The crate reads no clock. Callers pass a clock, or an [`Observer`] that is also shown what each
+//! stage makes.
 #![no_std]
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::cast_possible_truncation, clippy::cast_sign_loss))]
 
@@ -91,13 +94,13 @@ mod detect;
 mod follow;
 mod space;
 
-/// The containers that the stages write into.
+/// The container types that the stages write into.
 pub use heapless;
 
 // Frames.
 pub use image::frame::{Frame, FrameError, PixelFormat};
 
-// Models, and how they are made.
+// Models and training.
 pub use extract::feature::FeatureKind;
 pub use model::format::{MAGIC, NAME_BYTES, VERSION};
 pub use model::method::Method;
@@ -116,43 +119,44 @@ pub use detect::detection::Detection;
 pub use detect::detector::{DEFAULT_THRESHOLD, Detector, HdDetector, QqvgaDetector, QvgaDetector, VgaDetector};
 pub use detect::observer::{Observer, Output, Stats};
 
-// Following, and space.
+// Tracking, and poses in space.
 pub use follow::track::{LOST_FRAMES, SEARCH_EVERY, State, TRACKS, Track, Tracker};
 pub use space::camera::{CameraError, Intrinsics, PlanePose, Pose, plane_pose};
 
-/// The stages, and what they stand on, each to be used alone: in the order in which a frame
-/// flows through them.
+/// The stages and their foundations, in the order in which a frame flows through them. Each can be
+/// used alone.
 ///
-/// Functions take slices and `heapless` views, and no const generics. What belongs to the
-/// types at the crate's root is not repeated here.
+/// Functions take slices and `heapless` views, and have no const generics. Types at the crate's
+/// root are not repeated here.
 pub mod stages {
     pub use crate::base::{math, sort};
-    /// Fixed sizes that several stages share.
+    /// Sizes that several stages share.
     pub mod capacity {
         pub use crate::base::capacity::{CANDIDATES, FEATURE_BYTES, LEVELS, TEMPLATE_SIDE, pixels_of};
     }
-    /// Points in 1/16 px, exact predicates, outlines.
+    /// Points in 1/16 px, exact predicates, and outlines.
     pub mod geometry {
         pub use crate::base::geometry::{Point, area, contains, in_circle, is_convex, orient};
     }
 
-    /// Limits of frames, and chroma that is none.
+    /// Limits of a frame's size, the minimum brightness for chroma, and the value of missing
+    /// chroma.
     pub mod frame {
         pub use crate::image::frame::{DARK, MAX_SIDE, MIN_SIDE, NO_CHROMA};
     }
     pub use crate::image::{pyramid, shrink};
 
     pub use crate::extract::{corners, delaunay, keygraph, rank};
-    /// What a keygraph looks like, in up to 36 bytes that neither light nor pose change.
+    /// Features of keygraphs: up to 36 bytes that change neither with the light nor with the pose.
     pub mod feature {
         pub use crate::extract::feature::{Feature, SAMPLES, SEGMENTS, Sampling, ZERO, extract, signature, sketch};
     }
 
-    /// The thresholds of a method.
+    /// Thresholds of the methods.
     pub mod method {
         pub use crate::model::method::{Bar, Lists, MatchRule, Parameters, Share, VoteRule};
     }
-    /// What a model is made of.
+    /// Parts of a model.
     pub mod model {
         pub use crate::model::format::{MAX_PICTURE_SIDE, SKETCH, Tier, crc32, template_bytes};
         pub use crate::model::parse::Keys;
@@ -160,16 +164,16 @@ pub mod stages {
     }
 
     pub use crate::detect::{align, classify, digest, hough, plan, pose, verify, vote};
-    /// Does the frame look like the object where the pose says it is?
+    /// Appearance of a frame at a pose: whether it looks like the object there.
     pub mod appearance {
         pub use crate::detect::appearance::{appearance, is_plausible};
     }
-    /// Keypoints and triples from elsewhere.
+    /// Source of keypoints and triples, which callers can replace.
     pub mod finder {
         pub use crate::detect::finder::Finder;
     }
 
-    /// When a followed instance is believed.
+    /// Thresholds for the tracks of a tracker.
     pub mod track {
         pub use crate::follow::track::{FADE, STAY, SURE};
     }

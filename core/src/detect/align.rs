@@ -1,13 +1,14 @@
-//! Aligns a pose to the frame by gradients, to a part of a pixel.
+//! Aligns a pose to the frame by gradients, to a fraction of a pixel.
 //!
-//! In: the frame's pyramid, the object's template and a homography. Out: a better homography,
-//! or none where so little looks alike that no step could mend it. Steps go from coarse to
-//! fine; in each, blocks even out the light, and count by how well they correlate.
+//! In: the frame's pyramid, the object's template and a homography. Out: a better homography, or
+//! none when too few blocks agree for any step to improve the pose. The steps go from coarse to
+//! fine. In each step the light is normalised block by block, and each block is weighted by its
+//! correlation.
 //!
-//! Inverse compositional Gauss-Newton (S. Baker, I. Matthews, *Lucas-Kanade 20 Years On*, IJCV
-//! 2004), with zero mean and unit spread in each block.
+//! The method is inverse compositional Gauss-Newton (S. Baker, I. Matthews, *Lucas-Kanade 20 Years
+//! On*, IJCV 2004), with zero mean and unit spread in each block.
 //!
-//! Memory: some 5 KB of stack, 12 KB where there are vectors. Cost: one bilinear sample for each
+//! Memory: about 5 KB of stack, 12 KB on a target with vectors. Cost: one bilinear sample for each
 //! pixel of the template and step.
 
 use crate::base::geometry::{Homography, area};
@@ -17,23 +18,24 @@ use crate::detect::pose::solve;
 use crate::image::pyramid::{Plane, PyramidView, into_level};
 use crate::model::parse::Template;
 
-/// Blocks that must agree for aligning to be worth it, and after the coarse steps for the
-/// finer ones. Of 565 right poses none had fewer than 2.4 of them as it was grown; of
-/// wrong ones two in five fall short of the first, and two in three of either.
+/// Minimum number of blocks that agree: before the first step, and after each refinement. Of 565
+/// right poses all had at least 2.4 when they were grown. Of the wrong poses, two in five fail the
+/// first minimum, and two in three fail at least one of the two.
 const LEAST_SUPPORT: [f32; 2] = [1.2, 2.0];
 
-/// Some steps of [`refine`].
+/// A refinement: some steps of [`refine`] on one level.
 pub(crate) struct Refinement {
     /// Level of the template.
     pub(crate) level: usize,
-    /// Blocks each way whose light is evened out.
+    /// Number of blocks in each direction whose light is normalised.
     pub(crate) blocks: usize,
     /// Maximum number of steps.
     pub(crate) times: usize,
-    /// A step that moves no corner this far, px of the level, is the last.
+    /// Stop distance, px of the level: a step that moves every corner by less is the last.
     pub(crate) still: f32,
-    /// Share of the support so far that must be left. Support is seen on level 1, too coarse to
-    /// tell what the finest steps gain: they must only not lose the object.
+    /// Minimum support that must remain, as a fraction of the support so far. Support is measured
+    /// on level 1, which is too coarse to show what the finest steps gain. For the finest steps it
+    /// is enough not to lose the object.
     pub(crate) keep: f32,
 }
 const REFINEMENTS: [Refinement; 3] = [
@@ -42,18 +44,19 @@ const REFINEMENTS: [Refinement; 3] = [
     Refinement { level: 0, blocks: 6, times: 3, still: 0.12, keep: 0.98 },
 ];
 
-/// The finest steps cannot lose the object on so short a way, px of the template.
+/// Distance below which the finest steps are taken without a check of the support, px of the
+/// template. Steps this short cannot lose the object.
 const SHORT_WAY: f32 = 1.0;
 
-/// Aligns the frame with the template by their gradients, starting at `h` (picture
-/// px to frame px), from coarse to fine, and gives the homography that most blocks
-/// support. A hidden half can pull a right pose away: such a step is not taken.
+/// Aligns the frame with the template by their gradients. It starts at `h` (picture px to frame
+/// px), goes from coarse to fine, and returns the homography that most blocks support. A hidden
+/// half can pull a right pose away: such a step is not taken.
 ///
-/// Inverse compositional Gauss-Newton (S. Baker, I. Matthews, *Lucas-Kanade 20
-/// Years On*, IJCV 2004), with zero mean and unit spread in each block, and blocks
-/// weighted by how well they correlate.
+/// The method is inverse compositional Gauss-Newton (S. Baker, I. Matthews, *Lucas-Kanade 20 Years
+/// On*, IJCV 2004), with zero mean and unit spread in each block, and blocks weighted by how well
+/// they correlate.
 ///
-/// `None` when so little looks alike that no step could mend it.
+/// `None` when too few blocks agree for any step to improve the pose.
 #[must_use]
 pub fn refine(
     view: &PyramidView<'_>,
@@ -65,7 +68,8 @@ pub fn refine(
     refine_by(&REFINEMENTS, LEAST_SUPPORT, view, template, h, [width, height])
 }
 
-/// [`refine`] by these steps, with so much support at the start and after the first.
+/// Runs [`refine`] with the refinements `steps`. `least` holds the minimum support before the first
+/// step, and after each refinement.
 pub(crate) fn refine_by(
     steps: &[Refinement],
     least: [f32; 2],
@@ -76,10 +80,10 @@ pub(crate) fn refine_by(
 ) -> Option<Homography> {
     let side = template.width.max(template.height) as f32;
     let middle = [template.width, template.height].map(|v| (v as f32 - 1.0) / 2.0);
-    // Template px from coordinates near 1, with the origin in the middle.
+    // Map from coordinates near 1, with the origin in the middle, to template px.
     let unit = Homography::affine([side, 0.0, middle[0], 0.0, side, middle[1]]);
     let to_picture = template.to_picture(width, height);
-    // Blocks of the middle level say how many agree, and how each is lit.
+    // The support and the light of each block are measured on the middle level.
     let seen =
         |h: &Homography, light: &mut Light| Blocks::new(view, template, 1, h, [width, height], Some(light)).support();
     let mut light = NO_LIGHT;
@@ -92,7 +96,7 @@ pub(crate) fn refine_by(
     for &Refinement { level, blocks, times, still, keep } in steps {
         let coarse = Coarse::new(template, level, blocks, side, middle);
         let mut g = best.after(&to_picture).after(&unit);
-        // The light that was seen is that of all blocks; fewer ones are lit otherwise.
+        // The measured light is that of 6 x 6 blocks. Fewer blocks are lit differently.
         let is_known = blocks == BLOCKS;
         light = best_light;
         let mut way = 0.0;
@@ -124,7 +128,7 @@ pub(crate) fn refine_by(
     Some(best)
 }
 
-/// A template seen at a fraction of its size.
+/// A level of a template, with what its alignment steps need.
 struct Coarse<'a> {
     luma: Plane<'a, u8>,
     step: usize,
@@ -140,15 +144,16 @@ impl<'a> Coarse<'a> {
         Self { luma, step: 1 << level, blocks, side, middle, size: [luma.width(), luma.height()] }
     }
 
-    /// Unit coordinates of `(x, y)`, coarse px.
+    /// Map from px of the level to unit coordinates.
     fn unit(&self) -> Homography {
         let step = self.step as f32;
         let start = self.middle.map(|m| ((step - 1.0) / 2.0 - m) / self.side);
         Homography::affine([step / self.side, 0.0, start[0], 0.0, step / self.side, start[1]])
     }
 
-    /// One Gauss-Newton step of `g`, which maps unit coordinates to the frame; and how far it
-    /// moves a corner, coarse px. `lit` says what `light` is.
+    /// Takes one Gauss-Newton step from `g`, which maps unit coordinates to the frame. Returns the
+    /// new map, and the distance that the step moves a corner, px of the level. `lit` says what
+    /// `light` holds.
     fn improve(
         &self,
         view: &PyramidView<'_>,
@@ -167,16 +172,16 @@ impl<'a> Coarse<'a> {
         let overlay =
             Overlay { luma: self.luma, plane: view.luma(level), map: into_level(level).after(g).after(&unit) };
         let mut normal = Normal::default();
-        // Gradients of unit coordinates from differences over two px.
+        // Factor from differences over two px to gradients in unit coordinates.
         let per_unit = self.side / (2.0 * self.step as f32);
-        // From far off all pixels help to come near; at full size flat ones are left out.
+        // Far from the right pose all pixels help; at full size flat pixels are left out.
         overlay.sum_errors(self.blocks, light, lit, self.step == 1, |cell| {
             let [x, y] = cell.middle;
             let place = [unit.0[0] * x + unit.0[2], unit.0[4] * y + unit.0[5]];
             normal.add(&cell.sums, cell.scale * per_unit, place);
         });
         let Normal(normal) = &mut normal;
-        // Damping: a little of each direction's own curvature.
+        // Damping adds a little of each direction's own curvature.
         for (i, row) in normal.iter_mut().enumerate() {
             row[i] *= if i < 6 { 1.001 } else { 1.01 };
             row[i] += 1e-3;
@@ -184,7 +189,7 @@ impl<'a> Coarse<'a> {
         let d = solve(normal, 8)?;
         let step = Homography([1.0 + d[0], d[1], d[2], d[3], 1.0 + d[4], d[5], d[6], d[7], 1.0]);
         let g = g.after(&step.inverse()?).normalised();
-        // How far that moves its corners at most, but for the square of a small number.
+        // Upper bound of the distance that the step moves a corner, to first order.
         let unit_px = self.side / self.step as f32;
         let moved =
             [0, 3].map(|i| (d[i].abs() + d[i + 1].abs() + (d[6].abs() + d[7].abs()) / 2.0) / 2.0 + d[i + 2].abs());
@@ -197,13 +202,13 @@ impl<'a> Coarse<'a> {
 struct Normal([[f32; 9]; 8]);
 
 impl Normal {
-    /// Adds pixels as if all of them lay at `(u, v)`: the design matrix of one is `[gx u, gx v, gx,
-    /// gy u, gy v, gy, -u a, -v a]` with `a = gx u + gy v`. Their gradients are their steps times
-    /// `scale`.
+    /// Adds pixels as if all of them lay at `(u, v)`. One pixel has this row in the design matrix,
+    /// with `a = gx u + gy v`: `[gx u, gx v, gx, gy u, gy v, gy, -u a, -v a]`. The gradients of the
+    /// pixels are their steps times `scale`.
     fn add(&mut self, sums: &[f32; 5], scale: f32, [u, v]: [f32; 2]) {
         let [xx, xy, yy] = [0, 1, 2].map(|i| sums[i] * (scale * scale));
         let [xe, ye] = [3, 4].map(|i| sums[i] * scale);
-        // Sums of gx a, gy a, a a and a e.
+        // Sums of the products gx a, gy a, a a and a e.
         let (xa, ya, ae) = (xx * u + xy * v, xy * u + yy * v, xe * u + ye * v);
         let aa = xa * u + ya * v;
         let place = [u, v, 1.0];
@@ -246,7 +251,7 @@ mod tests {
     const SIDE: usize = if cfg!(miri) { 48 } else { 96 };
     const WIDTH: usize = 5 * SIDE / 2;
     const HEIGHT: usize = 3 * WIDTH / 4;
-    /// Where the object lies in the frame.
+    /// Position of the object in the frame, px.
     const PLACE: [f32; 2] = [WIDTH as f32 / 12.0, WIDTH as f32 / 8.0];
 
     /// A texture without repetition.
@@ -289,7 +294,8 @@ mod tests {
             let better = refine(&p.view(), &template(&data), &rough, side, side).unwrap();
             for (a, b) in better.outline(side, side).iter().zip(h.outline(side, side)) {
                 let (dx, dy) = (a[0] - b[0], a[1] - b[1]);
-                // The hidden side is a guess; where there is little to see so are the others.
+                // The hidden side is a guess. In a small template the other sides are less exact
+                // too.
                 let limit = if hide { 3.0 } else { 0.25 * (96 / SIDE).pow(2) as f32 };
                 assert!(dx.hypot(dy) < limit, "{a:?} for {b:?}");
             }

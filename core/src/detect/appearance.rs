@@ -1,12 +1,12 @@
-//! Does the frame look like the object where the pose says it is?
+//! Measures whether the frame looks like the object where the pose says it is.
 //!
-//! In: the frame's pyramid, the object's template and a homography. Out: an [`Appearance`].
-//! The frame is warped into the template; each of 6 x 6 blocks is correlated for itself (zero
-//! mean, unit spread), so that light may differ from block to block and a hidden part loses
-//! its blocks and not the object. Blocks without texture, or outside the frame, do not count.
+//! In: the frame's pyramid, the object's template and a homography. Out: an [`Appearance`]. The
+//! frame is warped into the template, and each of 6 x 6 blocks is correlated by itself (zero mean,
+//! unit spread). Therefore the light may differ from block to block, and a part that is hidden
+//! loses only its own blocks. Blocks without texture or outside the frame do not count.
 //!
-//! Memory: some 2 KB of stack, 4 KB where there are vectors. Cost: one bilinear sample for each
-//! pixel of the template (9,216 at most).
+//! Memory: about 2 KB of stack, 4 KB on a target with vectors. Cost: one bilinear sample for each
+//! pixel of the template (at most 9,216).
 
 use crate::base::capacity::{LEVELS, id};
 use crate::base::geometry::{Homography, area, is_convex};
@@ -18,34 +18,35 @@ use crate::image::frame::NO_CHROMA;
 use crate::image::pyramid::{Plane, PyramidView, into_level, nearest, out_of_level};
 use crate::model::parse::Template;
 
-/// Minimum spread of a block of the template, gray levels, for it to count.
+/// Minimum spread of a block of the template that counts, gray levels.
 const LEAST_SPREAD: f32 = 5.0;
 
-/// How the frame correlates with the template, block by block.
+/// Correlation of the frame with the template, block by block.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub struct Appearance {
-    /// Blocks that count.
+    /// Number of blocks that count: textured, and in the frame.
     pub blocks: u16,
-    /// Blocks that lie in the frame, textured or not, of 36.
+    /// Number of blocks that lie in the frame, textured or not, of 36.
     pub inside: u16,
-    /// Their median correlation, -1 to 1.
+    /// Median correlation of the blocks that count, -1 to 1.
     pub median: f32,
-    /// How many blocks agree: the sum of their agreements.
+    /// Number of blocks that agree: the sum of the blocks' agreements, each 0 to 1.
     pub support: f32,
-    /// How many agree well: the sum of the squares of their agreements, each times how much
-    /// its texture runs both ways (0 for a lone edge, 1). Many blocks that agree a little,
-    /// and lone edges that agree well, are what aligning makes of a wrong pose.
+    /// Number of blocks that agree well. It is the sum of the squares of the blocks' agreements,
+    /// each times a factor that says how much the block's texture runs both ways (0 for a single
+    /// edge, up to 1). Alignment of a wrong pose tends to leave many blocks that agree a little,
+    /// and single edges that agree well. Both count little here.
     pub strong: f32,
-    /// Correlation of chroma over the whole object, of what stands above noise, -1 to 1; 0
+    /// Correlation of chroma over the whole object, -1 to 1. Only chroma above the noise counts. 0
     /// without chroma.
     pub chroma: f32,
 }
 
-/// Whether an outline can be that of a picture seen by a camera: convex, not
-/// mirrored, with an area of at least `min_area` px and no side shrunk more than
-/// `max_ratio` times against its opposite.
+/// Whether an outline can be that of a picture seen by a camera. It must be convex and not
+/// mirrored, its area must be at least `min_area` square px, and no side may be shorter than its
+/// opposite by a factor of `max_ratio` or more.
 #[must_use]
 pub fn is_plausible(outline: &[[f32; 2]; 4], min_area: f32, max_ratio: f32) -> bool {
     if !outline.iter().flatten().all(|v| v.is_finite()) || area(outline) < min_area || !is_convex(outline) {
@@ -61,22 +62,22 @@ pub fn is_plausible(outline: &[[f32; 2]; 4], min_area: f32, max_ratio: f32) -> b
     })
 }
 
-/// The pyramid level in which `px2` px of level 0, an area, are about one px.
+/// The pyramid level in which an area of `px2` square px of level 0 is about one pixel.
 pub(crate) fn level_of_area(px2: f32) -> usize {
     // Half a log2 of the area, rounded.
     let l = math::round(math::log2(px2.max(1e-3)) / 2.0 - 0.2);
     usize::try_from(l).unwrap_or(0).min(LEVELS - 1)
 }
 
-/// The pyramid level whose pixels are about as large in the frame as those of the
-/// template are under `h` (template px to frame px).
+/// The pyramid level of the frame whose pixels are about as large as the template's pixels under
+/// `h` (template px to frame px).
 fn level_under(h: &Homography, width: f32, height: f32) -> usize {
     level_of_area(area(&h.outline(width, height)).abs() / (width * height))
 }
 
-/// How much the gradients of a block run both ways, 0 to 1: twice the smaller eigenvalue of
-/// their structure tensor over its trace. A block with one straight edge, 0, agrees
-/// wherever it is slid along another.
+/// How much the gradients of a block run both ways, 0 to 1: twice the smaller eigenvalue of their
+/// structure tensor, divided by its trace. It is 0 for a block with one straight edge, which agrees
+/// at every place along another edge.
 fn roundness(luma: &Plane<'_, u8>, block: usize) -> f32 {
     let (w, h) = (luma.width(), luma.height());
     let range = |size: usize, b: usize| block_ranges(size, BLOCKS, 1).nth(b).unwrap_or_default();
@@ -95,18 +96,19 @@ fn roundness(luma: &Plane<'_, u8>, block: usize) -> f32 {
     (sum - math::sqrt(difference * difference + cross * cross)).max(0.0) / sum.max(1.0)
 }
 
-/// Correlations of the blocks of a level of the template.
+/// Correlations of the blocks of one level of the template.
 pub(crate) struct Blocks {
     values: [f32; BLOCKS * BLOCKS],
-    /// The number of the block of each.
+    /// Number of the block that each correlation belongs to.
     places: [u8; BLOCKS * BLOCKS],
     n: usize,
     inside: u16,
 }
 
 impl Blocks {
-    /// Correlates the frame under `h` (picture px to frame px) with level `level` of
-    /// the template of a picture of `width` x `height` px. How each block is lit goes to `light`.
+    /// Correlates the frame under `h` (picture px to frame px) with level `level` of the template
+    /// of a picture of `width` x `height` px. If `light` is given, the light of each block is
+    /// written to it.
     #[inline(never)]
     pub(crate) fn new(
         view: &PyramidView<'_>,
@@ -134,26 +136,26 @@ impl Blocks {
         blocks
     }
 
-    /// Adds a block that has `full` pixels.
+    /// Adds a block. `full` is the number of pixels that a block has when it lies in the frame.
     fn add(&mut self, place: u8, m: &Moments, full: f32) {
         if m.n < 0.6 * full {
             return;
         }
         self.inside += 1;
         if m.t >= LEAST_SPREAD * LEAST_SPREAD {
-            // A flat frame block correlates with nothing.
+            // A flat block of the frame correlates with nothing.
             self.values[self.n] = m.tf / math::coarse_sqrt(m.t * m.f.max(4.0));
             self.places[self.n] = place;
             self.n += 1;
         }
     }
 
-    /// How many blocks agree: the sum of their agreements.
+    /// Number of blocks that agree: the sum of the blocks' agreements.
     pub(crate) fn support(&self) -> f32 {
         self.values[..self.n].iter().map(|&c| agreement(c)).sum()
     }
 
-    /// [`Appearance::strong`]; `luma` is the level of the template that they are of.
+    /// Computes [`Appearance::strong`]. `luma` is the template's level that the blocks belong to.
     fn strong(&self, luma: &Plane<'_, u8>) -> f32 {
         let blocks = self.values[..self.n].iter().zip(self.places);
         let agreeing = blocks.map(|(&c, place)| (agreement(c), place)).filter(|&(a, _)| a > 0.0);
@@ -167,8 +169,8 @@ impl Blocks {
     }
 }
 
-/// Correlates the frame under `h` (picture px to frame px) with the template of a
-/// picture of `width` x `height` px.
+/// Correlates the frame under `h` (picture px to frame px) with the template of a picture of
+/// `width` x `height` px.
 #[must_use]
 pub fn appearance(
     view: &PyramidView<'_>,
@@ -183,7 +185,7 @@ pub fn appearance(
     Appearance { chroma, ..appearance_of_luma(view, template, h, [width, height]) }
 }
 
-/// [`appearance`] without chroma: its correlation is 0.
+/// Computes [`appearance`] without chroma: the correlation of chroma is 0.
 pub(crate) fn appearance_of_luma(
     view: &PyramidView<'_>,
     template: &Template<'_>,
@@ -201,7 +203,7 @@ pub(crate) fn appearance_of_luma(
     }
 }
 
-/// [`Appearance::support`] alone, on level `level` of the template.
+/// Computes only [`Appearance::support`], on level `level` of the template.
 pub(crate) fn support(
     view: &PyramidView<'_>,
     template: &Template<'_>,
@@ -216,10 +218,10 @@ fn chroma_correlation(view: &PyramidView<'_>, template: &Template<'_>, h: &Homog
     let (cw, ch) = (template.width / 2, template.height / 2);
     let planes = view.chroma(level.min(LEVELS - 1));
     let source = template.chroma(0);
-    // Chroma px are twice as large on both sides, so the same level fits.
+    // Chroma px are twice as large in template and frame, so the same level fits.
     let to = into_level(level + 1).after(&h.after(&Homography::affine([2.0, 0.0, 0.5, 0.0, 2.0, 0.5])));
     let mut sums = Counts::default();
-    // Every second pixel tells as much as it is asked for.
+    // Every second pixel is enough for this correlation.
     for y in (0..ch).step_by(2) {
         for x in (0..cw).step_by(2) {
             let [u, v] = to.apply([x as f32, y as f32]);
@@ -246,7 +248,7 @@ mod tests {
     const SIDE: usize = if cfg!(miri) { 48 } else { 96 };
     const WIDTH: usize = 5 * SIDE / 2;
     const HEIGHT: usize = 3 * WIDTH / 4;
-    /// Where the object lies in the frame.
+    /// Position of the object in the frame, px.
     const PLACE: [f32; 2] = [WIDTH as f32 / 12.0, WIDTH as f32 / 8.0];
 
     /// A texture without repetition.

@@ -1,10 +1,10 @@
-//! Every buffer of a detector, sized at compile time: the profiles.
+//! The buffers of a detector, sized at compile time: the profiles.
 //!
-//! In: seven sizes. Out: the buffers as views. The owner [`Buffers`] alone knows the sizes; the
-//! stages see what [`Profile`] lends them.
+//! In: seven sizes. Out: the buffers as views. Only their owner, [`Buffers`], knows the sizes. The
+//! stages see the views that [`Profile`] lends.
 //!
-//! Memory: the size of [`Buffers`], asserted below for each profile against its budget; all
-//! zero at the start. Cost: none.
+//! Memory: the size of [`Buffers`]. For each profile an assertion below compares it with the
+//! profile's budget. All bytes are zero at the start. Cost: none.
 
 use core::fmt;
 use core::mem::size_of;
@@ -25,16 +25,16 @@ use crate::extract::feature::Feature;
 use crate::extract::keygraph::Keygraph;
 use crate::image::pyramid::{Pyramid, PyramidMut, PyramidView};
 
-/// Frames of up to 160 x 120 px.
+/// Buffers for frames of up to 160 x 120 px.
 pub type Qqvga = Buffers<{ luma_bytes(160 * 120) }, { chroma_bytes(160 * 120) }, 160, 420, 160, 448, 768>;
-/// Frames of up to 320 x 240 px.
+/// Buffers for frames of up to 320 x 240 px.
 pub type Qvga = Buffers<{ luma_bytes(320 * 240) }, { chroma_bytes(320 * 240) }, 320, 800, 256, 1024, 2048>;
-/// Frames of up to 640 x 480 px.
+/// Buffers for frames of up to 640 x 480 px.
 pub type Vga = Buffers<{ luma_bytes(640 * 480) }, { chroma_bytes(640 * 480) }, 640, 2000, 512, 4096, 6144>;
-/// Frames of up to 1280 x 720 px.
+/// Buffers for frames of up to 1280 x 720 px.
 pub type Hd = Buffers<{ luma_bytes(1280 * 720) }, { chroma_bytes(1280 * 720) }, 1280, 4000, 1024, 8192, 12288>;
 
-/// The size of a detector with one raw frame of two bytes a pixel.
+/// Size of a detector and one raw frame of two bytes a pixel, bytes.
 const fn with_frame(buffers: usize, pixels: usize) -> usize {
     buffers + size_of::<usize>() + 2 * pixels
 }
@@ -43,22 +43,23 @@ const _: () = assert!(with_frame(size_of::<Qvga>(), 320 * 240) <= 480 << 10, "qv
 const _: () = assert!(with_frame(size_of::<Vga>(), 640 * 480) <= 4 << 20, "vga exceeds 4 MB");
 const _: () = assert!(with_frame(size_of::<Hd>(), 1280 * 720) <= 12 << 20, "hd exceeds 12 MB");
 
-/// The largest frame that fits.
+/// Size of the largest frame that fits a profile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub struct Limits {
-    /// Longest side, px.
+    /// Maximum length of the longer side, px.
     pub side: usize,
-    /// Most pixels.
+    /// Maximum number of pixels.
     pub pixels: usize,
 }
 
 /// The buffers of one profile: [`Qqvga`], [`Qvga`], [`Vga`], [`Hd`], or sizes of your own.
 ///
-/// `LUMA` and `CHROMA` are the bytes of the pyramids ([`luma_bytes`], [`chroma_bytes`]), `SIDE`
-/// the longest side of a frame, `CORNERS` the candidates for corners, `POINTS` the corners on a
-/// level, `KEYGRAPHS` the triples, keygraphs, votes and vertex pairs, `BINS` the bins of votes.
+/// `LUMA` and `CHROMA` are the bytes of the pyramids ([`luma_bytes`], [`chroma_bytes`]). `SIDE` is
+/// the maximum length of a frame's longer side, px. The other parameters are maximum numbers:
+/// `CORNERS` of corner candidates, `POINTS` of corners on a level, `KEYGRAPHS` of triples,
+/// keygraphs, votes and vertex pairs, `BINS` of vote bins.
 #[derive(Debug)]
 pub struct Buffers<
     const LUMA: usize,
@@ -100,10 +101,11 @@ impl<
         "positions are 16 bits of 1/16 px, ids are u16, corners are counted in a bit set: lower SIDE, CORNERS or KEYGRAPHS"
     );
 
-    /// The largest frame that fits.
+    /// Size of the largest frame that fits.
     pub const LIMITS: Limits = Limits { side: SIDE, pixels: pixels_of(LUMA) };
 
-    /// The buffers, in the order of [`Buffer::ALL`]; the rest of a detector is under 5 KB.
+    /// Bytes and capacity of each buffer, in the order of [`Buffer::ALL`]. The rest of a detector
+    /// is under 5 KB.
     pub const ROOMS: [Room; Buffer::COUNT] = [
         Room { bytes: LUMA, capacity: LUMA },
         Room { bytes: 2 * CHROMA, capacity: 2 * CHROMA },
@@ -119,7 +121,7 @@ impl<
         Room { bytes: size_of::<Vec<Pair, KEYGRAPHS>>(), capacity: KEYGRAPHS },
     ];
 
-    /// Empty buffers, all zero.
+    /// Creates empty buffers; all bytes are zero.
     #[must_use]
     pub const fn new() -> Self {
         let () = Self::FITS;
@@ -157,8 +159,8 @@ impl<
     }
 }
 
-/// The size that frames are searched at, and the buffers for it. [`Buffers`] alone is one;
-/// `dyn Profile` stands for any of them, where that is chosen while the program runs.
+/// A frame size for searching, with the buffers for it. [`Buffers`] is the only implementation.
+/// `dyn Profile` stands for any profile when a program chooses it at run time.
 pub trait Profile: Lend + fmt::Debug {}
 
 impl<
@@ -192,7 +194,7 @@ pub struct Lent<'a> {
     pub(super) tally: &'a mut Tally,
 }
 
-/// What the last search left.
+/// Results of the last search, as views.
 #[derive(Debug)]
 pub struct Shown<'a> {
     pub(super) pyramid: PyramidView<'a>,
@@ -204,15 +206,15 @@ pub struct Shown<'a> {
     pub(super) tally: &'a Tally,
 }
 
-/// Lends buffers as views: the part of [`Profile`] that is not for callers.
+/// Lends buffers as views. This is the part of [`Profile`] that is not for callers.
 pub trait Lend {
-    /// The largest frame that fits.
+    /// Size of the largest frame that fits.
     fn limits(&self) -> Limits;
     /// Bytes and capacity of each buffer, in the order of [`Buffer::ALL`].
     fn rooms(&self) -> [Room; Buffer::COUNT];
-    /// All buffers, for a search.
+    /// Lends all buffers, for a search.
     fn lend(&mut self) -> Lent<'_>;
-    /// What the last search left.
+    /// Shows the results of the last search.
     fn show(&self) -> Shown<'_>;
 }
 

@@ -1,15 +1,15 @@
-//! Which model keygraphs a frame keygraph looks like.
+//! Finds the model keygraphs that a frame keygraph looks like.
 //!
-//! In: a frame keygraph and its feature. Out: its nearest neighbours among the
-//! model keygraphs whose angles agree within a tolerance. Every partition subset
-//! that the tolerance touches is looked at (the paper looks at one); a subset is
-//! sorted by size, so that only triangles of about the right size are read; of
-//! these, the angles and the bits of the signature are compared, four keys in a
-//! machine word, which throws out 49 of 50; then, in the lists of many objects, sketches, which
-//! leave one in three; then features; a comparison ends as soon as it cannot win.
+//! In: a frame keygraph and its feature. Out: its nearest neighbours among the model keygraphs
+//! whose angles agree within a tolerance. Every subset of the partition that the tolerance touches
+//! is searched (the paper searches one). A subset is sorted by size, so that only triangles of
+//! about the right size are read. Three comparisons follow. The first compares the angles and the
+//! bits of the signature, four keys in a machine word; it rejects 49 of 50. The second, in the
+//! lists of many objects, compares sketches; it leaves one in three. The third compares features,
+//! and ends as soon as a keygraph cannot be among the nearest.
 //!
-//! Memory: [`Match`], 8 bytes. Cost: 12 operations a key that is read; the heart of the
-//! detector.
+//! Memory: [`Match`], 8 bytes. Cost: 12 operations for each key that is read. This is the inner
+//! loop of the search.
 
 use heapless::Vec;
 
@@ -26,17 +26,17 @@ use crate::model::parse::{Keys, Model};
 pub struct Match {
     /// Index of the model keygraph.
     pub keygraph: u32,
-    /// Sum of absolute differences of the feature bytes.
+    /// Sum of the absolute differences of the feature bytes.
     pub distance: u16,
 }
 
-/// Most matches of a keygraph.
+/// Maximum number of matches of a keygraph.
 pub const NEIGHBOURS: usize = 2;
 
-/// The nearest neighbours, nearest first.
+/// The nearest neighbours of a keygraph, nearest first.
 pub type Nearest = [Option<Match>; NEIGHBOURS];
 
-/// Finds the best matches, in a tier, of a keygraph with this feature.
+/// Finds the best matches of a frame keygraph with this feature among the keygraphs of a tier.
 #[must_use]
 pub fn classify(model: &Model<'_>, tier: Tier, k: &Keygraph, feature: &Feature, rule: &MatchRule) -> Nearest {
     classify_by::<KEYS, WORDS, WAITING>(model, tier, k, feature, rule)
@@ -83,7 +83,7 @@ fn classify_by<const K: usize, const W: usize, const N: usize>(
     let [second, largest] =
         [key.second, key.largest].map(|a| [a.saturating_sub(tolerance), a.saturating_add(tolerance)]);
     let bins = |[from, to]: [u8; 2], n: usize| from / BIN..=(to / BIN).min(u8::try_from(n - 1).unwrap_or(0));
-    // The part of a range that lies in a bin, from the bin's start.
+    // The part of a range of angles that lies in a bin, counted from the start of the bin.
     let inside = |[from, to]: [u8; 2], bin: u8| [from.saturating_sub(bin * BIN), (to - bin * BIN).min(BIN - 1)];
     for s in bins(second, SECOND_BINS) {
         for l in bins(largest, LARGEST_BINS) {
@@ -94,19 +94,20 @@ fn classify_by<const K: usize, const W: usize, const N: usize>(
     lookup.best
 }
 
-/// Keys that are looked at together, four in a word; those with vector units do four words at
-/// once.
+/// Number of keys that are compared together. A word holds four keys; a target with vectors
+/// compares four words at once.
 const KEYS: usize = if VECTORS { 16 } else { 4 };
 const WORDS: usize = KEYS / 4;
-/// The same in large subsets, where there are vectors.
+/// Number of keys of a large subset that a target with vectors compares together.
 const BLOCK: usize = 128;
-/// Keys of a subset from which on those of the right size are sought out.
+/// Number of keys in a subset above which the keys of the right size are searched for.
 const MANY: usize = 32;
 /// The highest bit of each byte.
 const HIGH: u32 = 0x8080_8080;
 const NIBBLE: u32 = 0x0f0f_0f0f;
 
-/// Keygraphs whose features are compared together, and the bytes at which that is done.
+/// Number of keygraphs whose features are compared together, and the number of feature bytes that
+/// are compared first.
 const WAITING: usize = if VECTORS { 64 } else { 16 };
 const HEAD: usize = 16;
 
@@ -120,35 +121,37 @@ fn word<const N: usize>(keys: &[u8; N], i: usize) -> u32 {
     u32::from_le_bytes([keys[4 * i], keys[4 * i + 1], keys[4 * i + 2], keys[4 * i + 3]])
 }
 
-/// How many bits are set in each half byte.
+/// Counts the bits that are set in each half byte.
 const fn count_bits(x: u32) -> u32 {
     let x = x - (x >> 1 & 0x5555_5555);
     (x & 0x3333_3333) + (x >> 2 & 0x3333_3333)
 }
 
-/// What the keys of a subset are compared with.
+/// Values that the keys of a subset are compared with.
 #[derive(Clone, Copy)]
 struct Pattern {
-    /// Each byte of the signature, four times.
+    /// Each byte of the signature, repeated four times.
     signature: [u32; 3],
-    /// 0x80 and the bits that may differ, in each byte.
+    /// 0x80 plus the maximum number of bits that may differ, in each byte.
     most_bits: u32,
-    /// Of both angles, in each byte: what the least is from 0x80, and 0x80 and the most.
+    /// For each of the two angles, in each byte: 0x80 minus the minimum, then 0x80 plus the
+    /// maximum.
     ranges: [[u32; 2]; 2],
 }
 
 impl Pattern {
-    /// Of four keys, whose angles and parts of signatures these are: the highest bit of the byte
-    /// of each that is alike.
+    /// Compares four keys: their angles and the three bytes of their signatures. Returns a word in
+    /// which the highest bit of a byte is set when its key is alike.
     #[inline(always)]
     const fn alike(&self, [angles, a, b, c]: [u32; 4]) -> u32 {
         let [a, b, c] = [a ^ self.signature[0], b ^ self.signature[1], c ^ self.signature[2]];
-        // Three bits of a place are added to one number of two.
+        // The three bits at each place are added to a number of two bits.
         let (ones, twos) = (a ^ b ^ c, a & b | (a ^ b) & c);
         let bits = count_bits(ones) + 2 * count_bits(twos);
         let bits = (bits & NIBBLE) + (bits >> 4 & NIBBLE);
-        // A byte has its highest bit set where `least + v`, and `most - v`, say that v is in
-        // the range; none carries into the next.
+        // With v from 0 to 15, the highest bit of a byte in `least + v` is set when v is at least
+        // the minimum, and in `most - v` when v is at most the maximum. No byte carries into the
+        // next.
         let [[s_least, s_most], [l_least, l_most]] = self.ranges;
         let (s, l) = (angles & NIBBLE, angles >> 4 & NIBBLE);
         let in_range = (s_least + s) & (s_most - s) & (l_least + l) & (l_most - l);
@@ -156,15 +159,15 @@ impl Pattern {
     }
 }
 
-/// Which of many keys are [`Pattern::alike`], a bit for each, four in a byte.
-/// Not inlined: then the compiler makes vectors of it.
+/// Compares many keys by [`Pattern::alike`]. `out` receives one bit for each key, four in a byte.
+/// The function is not inlined: this lets the compiler vectorise it.
 #[cfg_attr(feature = "dispatch", multiversion::multiversion(targets("x86_64+avx2")))]
 #[inline(never)]
 fn alike(pattern: &Pattern, keys: [&[u8; BLOCK]; 4], out: &mut [u8; BLOCK / 4]) {
     let pattern = *pattern;
     for (i, out) in out.iter_mut().enumerate() {
         let bits = pattern.alike(keys.map(|k| word(k, i))) >> 7;
-        // The lowest bits of its bytes, side by side.
+        // The lowest bits of the four bytes, side by side.
         *out = ((bits | bits >> 7 | bits >> 14 | bits >> 21) & 15) as u8;
     }
 }
@@ -173,30 +176,33 @@ struct Lookup<'a, const K: usize, const W: usize, const N: usize> {
     keys: Keys<'a>,
     features: &'a [u8],
     feature: &'a [u8],
-    /// Those of the first of the keygraphs, or none.
+    /// Sketches of the keygraphs on the lists, which come first in the model; empty for other
+    /// tiers.
     sketches: &'a [[u8; SKETCH]],
     sketch: u64,
-    /// Bits of the sketch that may differ.
+    /// Maximum number of bits of the sketch that may differ.
     max_marks: u32,
-    /// But for the angles, which differ from subset to subset.
+    /// Pattern without the ranges of the angles, which differ from subset to subset.
     pattern: Pattern,
-    /// Sizes that are looked at, both included.
+    /// Minimum and maximum size of the keygraphs that are compared.
     sizes: [u8; 2],
-    /// Only distances below this are of interest.
+    /// Distance that a match must stay below.
     limit: u32,
     best: Nearest,
-    /// Keygraphs whose features are to be compared.
+    /// Keygraphs whose features are still to be compared.
     waiting: Vec<u32, N>,
 }
 
 impl<const K: usize, const W: usize, const N: usize> Lookup<'_, K, W, N> {
-    /// Looks at a subset's keygraphs whose angles, from its start, lie in these ranges.
+    /// Compares the keygraphs of a subset whose angles lie in these ranges, counted from the start
+    /// of the subset's bins.
     fn run(&mut self, cell: core::ops::Range<usize>, second: [u8; 2], largest: [u8; 2]) {
         let core::ops::Range { mut start, mut end } = cell;
         if start >= end {
             return;
         }
-        // Reading a few keys too many is cheaper than finding out which.
+        // In a small subset, reading a few keys too many is cheaper than the search for the right
+        // ones.
         if end - start > MANY {
             let sizes = &self.keys.sizes[start..end];
             end = start + sizes.partition_point(|&s| s <= self.sizes[1]);
@@ -218,7 +224,8 @@ impl<const K: usize, const W: usize, const N: usize> Lookup<'_, K, W, N> {
                     while left != 0 {
                         let bit = left.trailing_zeros() as usize;
                         left &= left - 1;
-                        // Four in each byte. All of them are of a size: the subset is a large one.
+                        // A byte holds four keys. The sizes of all keys fit: a large subset was
+                        // narrowed above.
                         self.wait(start + bit / 8 * 4 + bit % 8);
                     }
                     start += 4 * eight.len();
@@ -232,7 +239,7 @@ impl<const K: usize, const W: usize, const N: usize> Lookup<'_, K, W, N> {
             self.look(at, end, &pattern, [angles, a, b, c]);
             at += K;
         }
-        // Where the planes end.
+        // The last group ends with the planes, and is copied into a full one.
         if at < end {
             let mut last = [[0; K]; 4];
             for (last, (_, rest)) in last.iter_mut().zip(planes) {
@@ -242,8 +249,8 @@ impl<const K: usize, const W: usize, const N: usize> Lookup<'_, K, W, N> {
         }
     }
 
-    /// Looks at the keys from `at` on, those before `end`: their angles and the parts of their
-    /// signatures. Those that are alike, and of a size, wait.
+    /// Compares a group of keys from index `at` on: their angles and the bytes of their signatures.
+    /// A key that is alike, comes before `end` and has the right size is put on the waiting list.
     #[inline(always)]
     fn look(&mut self, at: usize, end: usize, pattern: &Pattern, keys: [&[u8; K]; 4]) {
         let words: [u32; W] = core::array::from_fn(|i| pattern.alike(keys.map(|k| word(k, i))));
@@ -266,12 +273,12 @@ impl<const K: usize, const W: usize, const N: usize> Lookup<'_, K, W, N> {
         if self.waiting.is_full() {
             self.compare();
         }
-        // It fits: there is room now.
+        // This push cannot fail: there is room now.
         let _ = self.waiting.push(u32::try_from(key).unwrap_or(u32::MAX));
     }
 
-    /// Forgets those that wait whose sketches differ too much. All are read before it is known
-    /// which: they lie far apart.
+    /// Removes the waiting keygraphs whose sketches differ too much. The loop reads every sketch
+    /// without a branch, because they lie far apart in memory.
     fn sift(&mut self) {
         let mut alike = 0;
         for i in 0..self.waiting.len() {
@@ -283,7 +290,7 @@ impl<const K: usize, const W: usize, const N: usize> Lookup<'_, K, W, N> {
         self.waiting.truncate(alike);
     }
 
-    /// Compares the features of those that wait.
+    /// Compares the features of the waiting keygraphs, and keeps the nearest.
     fn compare(&mut self) {
         if !self.sketches.is_empty() {
             self.sift();
@@ -292,7 +299,8 @@ impl<const K: usize, const W: usize, const N: usize> Lookup<'_, K, W, N> {
         let features = self.features;
         let feature = |keygraph: u32| &features[n * keygraph as usize..][..n];
         let (head, rest) = self.feature.split_at(n.min(HEAD));
-        // The heads of all at once: they lie all over the memory, and none waits for another.
+        // The heads of all features are read first: they lie far apart in memory, and no read then
+        // waits for another.
         let mut heads = [0; N];
         for (sum, &keygraph) in heads.iter_mut().zip(&self.waiting) {
             *sum = differences(&feature(keygraph)[..head.len()], head);
@@ -323,7 +331,7 @@ fn differences(a: &[u8], b: &[u8]) -> u32 {
     a.iter().zip(b).map(|(a, b)| u32::from(a.abs_diff(*b))).sum()
 }
 
-/// Sum of absolute differences if it stays below `limit`.
+/// Sum of absolute differences of `a` and `b`; `None` when it reaches `limit`.
 #[must_use]
 pub fn distance(a: &[u8], b: &[u8], limit: u32) -> Option<u32> {
     let ((chunks, a), (others, b)) = (a.as_chunks::<16>(), b.as_chunks::<16>());

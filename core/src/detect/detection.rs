@@ -1,7 +1,7 @@
 //! One instance of an object in a frame.
 //!
-//! In: an object and a homography. Out: its outline, and whether two outlines stand for one
-//! instance. Memory: none. Cost: 72 points for each pair of outlines.
+//! In: an object and a homography. Out: the outline of the object, and whether two outlines stand
+//! for one instance. Memory: none. Cost: 72 points for each pair of outlines.
 
 use heapless::Vec;
 
@@ -10,9 +10,9 @@ use crate::base::geometry::{Homography, contains};
 use crate::detect::appearance::{Appearance, is_plausible};
 use crate::model::parse::Model;
 
-/// Minimum area of an outline, px.
+/// Minimum area of an outline, square px.
 const MIN_AREA_PX: f32 = 144.0;
-/// Maximum ratio of a side of an outline to its opposite.
+/// Maximum ratio between a side of an outline and the opposite side.
 const MAX_RATIO: f32 = 4.0;
 
 /// One instance of an object in a frame.
@@ -22,26 +22,27 @@ const MAX_RATIO: f32 = 4.0;
 pub struct Detection {
     /// Index of the object in the model.
     pub object: u16,
-    /// Picture px to frame px, last element 1.
+    /// Map from picture px to frame px; its last element is 1.
     pub homography: Homography,
-    /// Images of the picture's corners `(0,0) (w,0) (w,h) (0,h)`, frame px.
+    /// Corners of the picture, `(0,0) (w,0) (w,h) (0,h)`, in the frame, px.
     pub corners: [[f32; 2]; 4],
-    /// Estimate of the probability that the detection is right, 0 to 1.
+    /// Estimated probability that the detection is right, 0 to 1.
     pub score: f32,
-    /// Keygraphs whose three vertices agree with the pose.
+    /// Number of keygraphs of which all three vertices agree with the pose.
     pub votes: u16,
-    /// Distinct frame corners that agree with the pose.
+    /// Number of distinct frame corners that agree with the pose.
     pub agreeing: u16,
-    /// How the frame looks there.
+    /// Appearance of the frame at the detection.
     pub appearance: Appearance,
 }
 
-/// What has been found in a frame, best score first.
+/// Detections in a frame, best score first.
 pub(crate) type Detections = Vec<Detection, DETECTIONS>;
 
 impl Detection {
-    /// A pose of an object whose picture has `width` x `height` px, without evidence. Programs
-    /// that use detections make their tests by it.
+    /// Creates a detection without evidence: score, votes and appearance are zero. `width` and
+    /// `height` are the size of the object's picture, px. Programs that use detections can make
+    /// tests with it.
     #[must_use]
     pub fn new(object: u16, homography: &Homography, [width, height]: [f32; 2]) -> Self {
         Self {
@@ -55,28 +56,28 @@ impl Detection {
         }
     }
 
-    /// A pose of an object of a model, without evidence.
+    /// Creates a detection of an object of `model` without evidence.
     #[inline(never)]
     pub(crate) fn at(model: &Model<'_>, object: u16, homography: &Homography) -> Self {
         let o = model.object(usize::from(object));
         Self::new(object, homography, [o.width as f32, o.height as f32])
     }
 
-    /// Whether its outline can be that of a picture in front of a camera.
+    /// Whether the outline can be that of a picture in front of a camera.
     pub(crate) fn is_plausible(&self) -> bool {
         is_plausible(&self.corners, MIN_AREA_PX, MAX_RATIO)
     }
 
-    /// Whether it stands for the same instance as `other`.
+    /// Whether the detection and `other` stand for the same instance.
     #[inline(never)]
     pub(crate) fn is_twin(&self, other: &Self) -> bool {
         self.object == other.object && overlap(&self.corners, &other.corners)
     }
 }
 
-/// Whether two outlines of one object stand for one instance: a quarter of either
-/// lies inside the other. Two planar objects cannot be at one place, and a pattern
-/// that repeats itself makes shifted copies of its own outline.
+/// Whether two outlines of one object stand for one instance: at least a quarter of one outline
+/// lies inside the other. Two planar objects cannot be at one place. A pattern that repeats itself
+/// gives shifted copies of the outline, and these overlap.
 pub(crate) fn overlap(a: &[[f32; 2]; 4], b: &[[f32; 2]; 4]) -> bool {
     const SIDE: u8 = 6;
     let share = |inner: &[[f32; 2]; 4], outer: &[[f32; 2]; 4]| {

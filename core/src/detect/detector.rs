@@ -1,11 +1,11 @@
 //! The detector: finds the objects of a model in a frame.
 //!
 //! In: a frame and a model. Out: where the model's objects are. [`Detector`] checks the frame,
-//! makes its pyramid, and has it searched as planned.
+//! makes its pyramid, and searches it as the plan says.
 //!
-//! Memory: the buffers of its profile, and a flag. It lives in a `static` through
-//! `const fn new()` and is all zero there. Cost: the sum of the stages, timed by the caller's
-//! clock. Full: each stage counts what it dropped in [`Stats`].
+//! Memory: the buffers of the profile, and a flag. A detector fits a `static`, because `new` is a
+//! `const fn`, and is all zero there. Cost: the sum of the stages, timed by the caller's clock.
+//! Full: each stage counts what it dropped in [`Stats`].
 
 use crate::base::capacity::{Buffer, LEVELS, Room, Stage};
 use crate::detect::buffers::{Buffers, Hd, Lent, Limits, Profile, Qqvga, Qvga, Vga};
@@ -21,25 +21,26 @@ use crate::image::frame::{Frame, FrameError, Part};
 use crate::image::pyramid::{PyramidMut, PyramidView, to_level0};
 use crate::model::parse::Model;
 
-/// Detections below this score are not reported unless the caller asks for them. The score is
-/// a probability, and the wrong detections above it are counted in the README.
+/// Default minimum score of a detection. A score is the estimated probability that the detection is
+/// right. The README counts the wrong detections above this threshold.
 pub const DEFAULT_THRESHOLD: f32 = 0.8;
 
-/// Finds the objects of a model in frames of a profile: [`QqvgaDetector`], [`QvgaDetector`],
-/// [`VgaDetector`], [`HdDetector`]. `Detector<dyn Profile>` is any of them behind a reference.
+/// Finds the objects of a model in frames of one profile: [`QqvgaDetector`], [`QvgaDetector`],
+/// [`VgaDetector`], [`HdDetector`]. `Detector<dyn Profile>` stands for any of them behind a
+/// reference.
 #[derive(Debug)]
 pub struct Detector<P: Profile + ?Sized> {
     thorough: bool,
     buffers: P,
 }
 
-/// Frames of up to 160 x 120 px.
+/// Detector for frames of up to 160 x 120 px.
 pub type QqvgaDetector = Detector<Qqvga>;
-/// Frames of up to 320 x 240 px.
+/// Detector for frames of up to 320 x 240 px.
 pub type QvgaDetector = Detector<Qvga>;
-/// Frames of up to 640 x 480 px.
+/// Detector for frames of up to 640 x 480 px.
 pub type VgaDetector = Detector<Vga>;
-/// Frames of up to 1280 x 720 px.
+/// Detector for frames of up to 1280 x 720 px.
 pub type HdDetector = Detector<Hd>;
 
 impl<
@@ -52,7 +53,7 @@ impl<
     const BINS: usize,
 > Detector<Buffers<LUMA, CHROMA, SIDE, CORNERS, POINTS, KEYGRAPHS, BINS>>
 {
-    /// An idle detector, all zero.
+    /// Creates an idle detector; all its bytes are zero.
     #[must_use]
     pub const fn new() -> Self {
         Self { thorough: false, buffers: Buffers::new() }
@@ -66,18 +67,20 @@ impl<P: Profile + Default> Default for Detector<P> {
 }
 
 impl<P: Profile + ?Sized> Detector<P> {
-    /// Whether to search all of a frame for all of a model. Otherwise the search goes on only
-    /// while something is in doubt, which takes a fifth of the time where an object is seen
-    /// plainly. Of a model of many objects each is searched for by the likeliest of its
-    /// keygraphs; of more than 16, once one has been found, only those are searched for that
-    /// a heavy candidate speaks for. Beside a large copy of an object, one under half its size
-    /// may be missed.
+    /// Sets whether to search all of a frame for all of a model.
+    ///
+    /// Without this, the search stops when nothing is in doubt. That takes a fifth of the time for
+    /// an object that is seen plainly. In a model of many objects, each object is searched for only
+    /// by its most likely keygraphs. With more than 16 objects, the search goes on after the first
+    /// detection only while a heavy candidate speaks for another instance. A copy of an object
+    /// under half the size of a large copy beside it may be missed.
     pub const fn set_thorough(&mut self, thorough: bool) {
         self.thorough = thorough;
     }
 
-    /// Looks for the model's objects in `frame`: all that score at least `threshold`, best
-    /// first. `observer` is asked for the time between the stages, and shown what they make.
+    /// Searches `frame` for the objects of `model`. Returns the detections that score at least
+    /// `threshold`, best first. `observer` is asked for the time between the stages, and is shown
+    /// what they make.
     ///
     /// # Errors
     /// [`FrameError::TooLarge`] when the frame exceeds the profile.
@@ -91,7 +94,8 @@ impl<P: Profile + ?Sized> Detector<P> {
         self.run(frame, model, threshold, observer, None)
     }
 
-    /// Looks for the model's objects in `frame` by keypoints and triples from elsewhere.
+    /// Searches `frame` for the objects of `model`, by keypoints and triples from `finder`. The
+    /// rest is as in [`Detector::detect`].
     ///
     /// # Errors
     /// [`FrameError::TooLarge`] when the frame exceeds the profile.
@@ -123,8 +127,8 @@ impl<P: Profile + ?Sized> Detector<P> {
         Ok(self.detections())
     }
 
-    /// Takes in the luma of a part of `frame`, which becomes the [`Detector::frame`], and looks
-    /// for nothing; `observer` is asked for the time between the stages.
+    /// Loads the luma of a part of `frame`, which becomes the [`Detector::frame`]. It does not
+    /// search the part. `observer` is asked for the time between the stages.
     pub(crate) fn load_luma(
         &mut self,
         frame: &Frame<'_>,
@@ -144,12 +148,12 @@ impl<P: Profile + ?Sized> Detector<P> {
         Ok(())
     }
 
-    /// The last frame, or the part of it that was taken in.
+    /// Pyramid of the last frame, or of the part of it that was loaded.
     pub(crate) fn frame(&self) -> PyramidView<'_> {
         self.buffers.show().pyramid
     }
 
-    /// The largest frame that fits.
+    /// Size of the largest frame that fits.
     #[must_use]
     pub fn limits(&self) -> Limits {
         self.buffers.limits()
@@ -161,38 +165,38 @@ impl<P: Profile + ?Sized> Detector<P> {
         self.buffers.rooms()
     }
 
-    /// What was found in the last frame.
+    /// Detections in the last frame, best score first.
     #[must_use]
     pub fn detections(&self) -> &[Detection] {
         &self.buffers.show().findings.detections
     }
 
-    /// What the stages did with the last frame.
+    /// Counts and times of the stages for the last frame.
     #[must_use]
     pub fn stats(&self) -> &Stats {
         &self.buffers.show().tally.stats
     }
 
-    /// Maximum number of elements that each buffer held while the last frame was searched, in
-    /// the order of [`Buffer::ALL`].
+    /// Maximum number of elements that each buffer held while the last frame was searched, in the
+    /// order of [`Buffer::ALL`].
     #[must_use]
     pub fn high_water(&self) -> &[u32; Buffer::COUNT] {
         &self.buffers.show().tally.high_water
     }
 
-    /// The corners of the last frame, frame px.
+    /// Corners of the last frame, frame px.
     pub fn corners(&self) -> impl Iterator<Item = [f32; 2]> + '_ {
         let s = self.buffers.show();
         (0..LEVELS).flat_map(move |l| s.points[span(s.spans, l)].iter().map(move |&p| to_level0(p, l)))
     }
 
-    /// The triangles of the last frame that were classified, frame px.
+    /// Triangles of the last frame that are keygraphs, frame px.
     pub fn keygraphs(&self) -> impl Iterator<Item = [[f32; 2]; 3]> + '_ {
         let s = self.buffers.show();
         s.keygraphs.iter().map(move |k| vertices(s.points, k).map(|(_, p)| p))
     }
 
-    /// The triangles of the last frame that agree with a detection, frame px.
+    /// Triangles of the last frame that agree with a detection, frame px.
     pub fn supporters<'a>(
         &'a self,
         model: &'a Model<'_>,
@@ -205,7 +209,7 @@ impl<P: Profile + ?Sized> Detector<P> {
         })
     }
 
-    /// One line a stage, and one a detection.
+    /// Logs one line for each stage, and one for each detection.
     #[cfg(feature = "defmt")]
     fn log(&self, model: &Model<'_>) {
         for (stage, s) in Stage::ALL.iter().zip(&self.stats().stages) {
@@ -218,7 +222,7 @@ impl<P: Profile + ?Sized> Detector<P> {
     }
 }
 
-/// The buffers without what the frame before left in them.
+/// Empties the buffers of what the last frame left in them.
 fn cleared(lent: Lent<'_>) -> Lent<'_> {
     *lent.tally = Tally::EMPTY;
     lent.findings.detections.clear();
@@ -229,7 +233,7 @@ fn cleared(lent: Lent<'_>) -> Lent<'_> {
     lent
 }
 
-/// Whether a frame fits.
+/// Checks that a frame fits the profile.
 fn check(frame: &Frame<'_>, limits: Limits, pyramid: &PyramidMut<'_>) -> Result<(), FrameError> {
     let (w, h) = (frame.width(), frame.height());
     let (pixels, side) = (w * h, w.max(h));
@@ -239,8 +243,8 @@ fn check(frame: &Frame<'_>, limits: Limits, pyramid: &PyramidMut<'_>) -> Result<
     Ok(())
 }
 
-/// From a frame to detections, top to bottom: luma and chroma, their pyramid, the coarse
-/// levels, the steps of the plan.
+/// Searches a frame, top to bottom: luma and chroma, their pyramid, then the search by the steps of
+/// the plan, which begins with the coarse levels.
 #[inline(never)]
 fn detect(
     lent: Lent<'_>,

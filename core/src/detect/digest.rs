@@ -1,12 +1,13 @@
-//! One number for each stage's output, to compare machines by.
+//! One number for each stage's output, to compare machines.
 //!
-//! In: what the stages of one frame made, as an [`crate::detect::observer::Observer`] is shown
-//! it. Out: a 32-bit digest a stage (FNV-1a of G. Fowler, L. Noll and K.-P. Vo) over
-//! the fields in order of declaration, little endian. Floats count by their bits, all
-//! NaNs alike. Two machines that agree on every digest did the same.
+//! In: the output of each stage for one frame, as shown to an
+//! [`crate::detect::observer::Observer`]. Out: a 32-bit digest for each stage (FNV-1a of G. Fowler,
+//! L. Noll and K.-P. Vo) over the fields in the order of their declaration, little endian. A float
+//! counts by its bits, and all NaNs count alike. Two machines whose digests all agree made the same
+//! outputs.
 //!
-//! Memory: 4 bytes a stage. Cost: a multiplication a byte, some 150,000 of them in a
-//! qvga frame; nothing where nobody listens.
+//! Memory: 4 bytes for each stage. Cost: a multiplication for each byte, about 150,000 in a qvga
+//! frame; nothing when no observer computes digests.
 
 use crate::base::capacity::{LEVELS, Stage};
 use crate::detect::detection::Detection;
@@ -14,7 +15,7 @@ use crate::detect::observer::Output;
 use crate::detect::vote::Similarity;
 use crate::image::pyramid::{Plane, PyramidView};
 
-/// A digest of a sequence of bytes.
+/// Digest of a sequence of bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Digest(u32);
 
@@ -25,19 +26,19 @@ impl Default for Digest {
 }
 
 impl Digest {
-    /// Of no bytes.
+    /// Creates the digest of no bytes.
     #[must_use]
     pub const fn new() -> Self {
         Self(0x811c_9dc5)
     }
 
-    /// The number.
+    /// Value of the digest.
     #[must_use]
     pub const fn value(self) -> u32 {
         self.0
     }
 
-    /// Adds bytes.
+    /// Adds bytes to the digest.
     pub fn bytes(&mut self, bytes: &[u8]) {
         self.0 = bytes.iter().fold(self.0, |d, &b| (d ^ u32::from(b)).wrapping_mul(0x0100_0193));
     }
@@ -58,7 +59,7 @@ impl Digest {
         v.iter().for_each(|&v| self.float(v));
     }
 
-    /// How many there are of something.
+    /// Adds a number of elements.
     fn count(&mut self, n: usize) {
         self.word(u32::try_from(n).unwrap_or(u32::MAX));
     }
@@ -95,31 +96,31 @@ impl Digest {
     }
 }
 
-/// A digest for each stage, of all that it made in one frame.
+/// Digests of the stages, each over all outputs of its stage in one frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Digests([Digest; Stage::COUNT]);
 
 impl Digests {
-    /// Of a frame of which no stage has run.
+    /// Creates the digests of a frame before any stage has run.
     #[must_use]
     pub const fn new() -> Self {
         Self([Digest::new(); Stage::COUNT])
     }
 
-    /// From the numbers of the stages, in the order of [`Stage::ALL`]: what another
-    /// machine has told.
+    /// Creates digests from the values of the stages, in the order of [`Stage::ALL`], as another
+    /// machine reports them.
     #[must_use]
     pub fn from_values(values: [u32; Stage::COUNT]) -> Self {
         Self(values.map(Digest))
     }
 
-    /// The number of a stage.
+    /// Value of the digest of a stage.
     #[must_use]
     pub const fn of(&self, stage: Stage) -> u32 {
         self.0[stage as usize].value()
     }
 
-    /// Adds what a stage made.
+    /// Adds an output to the digest of its stage.
     pub fn add(&mut self, output: Output<'_>) {
         let d = &mut self.0[output.stage() as usize];
         match output {
@@ -221,6 +222,6 @@ mod tests {
         assert_eq!(moved, Stage::ALL.map(|s| s == Stage::Corners));
         let mut other = Digests::new();
         other.add(Output::Corners(&[Point::new(32, 16)]));
-        assert_ne!(d, other, "places are not exchanged");
+        assert_ne!(d, other, "x and y must not be interchangeable");
     }
 }

@@ -1,11 +1,11 @@
-//! What speaks for and against a pose: weighed, accepted, settled.
+//! Weighs the evidence for and against a pose, accepts detections, and settles votes.
 //!
-//! In: a detection, the votes and keygraphs of the frame. Out: its score, an estimate of the
-//! probability that it is right; the list of what is believed; votes told apart into
-//! supporters and open ones.
+//! In: a detection, the votes and keygraphs of the frame. Out: the score of the detection, which
+//! estimates the probability that it is right; the list of accepted detections; the votes,
+//! separated into supporters and open ones.
 //!
-//! Memory: a bit a corner on the stack. Cost: three points mapped for each vote, and a test of
-//! each corner, for each detection.
+//! Memory: a bit for each corner on the stack. Cost: for each detection, three points mapped for
+//! each vote, and a test of each corner.
 
 use heapless::VecView;
 
@@ -21,7 +21,7 @@ use crate::extract::keygraph::Keygraph;
 use crate::image::pyramid::to_level0;
 use crate::model::parse::Model;
 
-/// Whether votes agree with a pose.
+/// Tests whether votes agree with a pose.
 pub(crate) struct Agreement {
     object: u16,
     homography: Homography,
@@ -34,7 +34,7 @@ impl Agreement {
         Self { object: d.object, homography: d.homography, radius2: radius * radius }
     }
 
-    /// Whether a vote agrees, whose frame vertices are `to`, px.
+    /// Whether vote `v` agrees. `to` are the vertices of its frame keygraph, frame px.
     pub(crate) fn holds(&self, model: &Model<'_>, v: &Vote, to: [[f32; 2]; 3]) -> bool {
         if v.object != self.object {
             return false;
@@ -49,27 +49,27 @@ impl Agreement {
     }
 }
 
-/// What the votes and keygraphs of a frame say of a detection.
+/// Evidence of the votes and keygraphs of a frame for or against a detection.
 #[derive(Clone, Copy, Debug, Default)]
 struct Evidence {
-    /// Weight of the votes that agree with it.
+    /// Weight of the votes that agree with the detection.
     agreeing: u32,
-    /// Votes for its object inside its outline, agreeing or not.
+    /// Number of votes for the object inside the outline, whether they agree or not.
     votes: u16,
-    /// Keygraphs inside its outline.
+    /// Number of keygraphs inside the outline.
     keygraphs: u16,
 }
 
-/// Estimate of the probability that a pose is right: a logistic regression over 1,844
-/// right and 11,360 wrong candidates, of rendered frames of twelve kinds and of the
-/// worst 511 in 62,000 pairs of a frame and an object that it does not show.
+/// Estimates the probability that a pose is right. It is a logistic regression over 1,844 right and
+/// 11,360 wrong candidates. They come from rendered frames of twelve kinds, and from the worst 511
+/// in 62,000 pairs of a frame and an object that it does not show.
 fn score(a: &Appearance, evidence: &Evidence) -> f32 {
     if a.blocks < 4 {
         return 0.0;
     }
     let log1p = |v: f32| math::ln(1.0 + v);
-    // A vote of full weight counts as two; the blocks' logarithm is that of their share,
-    // 37 being all and one.
+    // A vote of full weight counts as two. The term of the blocks is the logarithm of their share:
+    // 37 is the number of all blocks plus one.
     let logit = 4.07 * log1p(evidence.agreeing as f32 / 8.0) - 1.10 * log1p(f32::from(evidence.votes))
         + 2.58 * log1p(f32::from(evidence.keygraphs))
         + 13.15 * log1p(a.strong)
@@ -78,7 +78,7 @@ fn score(a: &Appearance, evidence: &Evidence) -> f32 {
     1.0 / (1.0 + math::exp(-logit))
 }
 
-/// Counts what speaks for a detection, and scores it.
+/// Collects the evidence for a detection, and scores it.
 #[inline(never)]
 pub(crate) fn weigh(scene: &Scene<'_>, votes: &Votes<VecView<Vote>>, model: &Model<'_>, d: &mut Detection) {
     let mut inside = [0u32; MAX_CORNERS / 32];
@@ -99,14 +99,14 @@ pub(crate) fn weigh(scene: &Scene<'_>, votes: &Votes<VecView<Vote>>, model: &Mod
             evidence.agreeing += u32::from(v.weight);
         }
     }
-    // They fit: there are fewer keygraphs than 65,536.
+    // The number fits: there are fewer than 65,536 keygraphs.
     evidence.keygraphs = u16::try_from(scene.keygraphs.iter().filter(|k| within(k)).count()).unwrap_or(u16::MAX);
     d.score = score(&d.appearance, &evidence);
 }
 
-/// Puts a detection among the others, best score first, if it is likely enough, plausible, and
-/// the best at its place; those that it beats there go. Returns whether one was lost for lack
-/// of room.
+/// Inserts a detection into the list, best score first, if it scores at least `threshold`, is
+/// plausible, and is the best at its place. Worse detections of the same instance are removed.
+/// Returns whether a detection was lost for lack of room.
 #[inline(never)]
 pub(crate) fn accept(detections: &mut Detections, d: &Detection, threshold: f32) -> bool {
     let beaten = detections.iter().any(|t| d.is_twin(t) && t.score >= d.score);
@@ -119,8 +119,8 @@ pub(crate) fn accept(detections: &mut Detections, d: &Detection, threshold: f32)
     detections.insert(place, *d).is_err()
 }
 
-/// Makes the votes that agree with a detection its supporters. Other votes for an object that
-/// lie in its outline are forgotten.
+/// Makes the votes that agree with a detection supporters. Other votes for an object that lie in
+/// the outline of one of its detections are removed.
 #[inline(never)]
 pub(crate) fn settle(votes: &mut Votes<VecView<Vote>>, scene: &Scene<'_>, detections: &Detections, model: &Model<'_>) {
     let found: heapless::Vec<_, DETECTIONS> = detections.iter().map(Agreement::new).collect();

@@ -1,8 +1,8 @@
-//! Where the triangles of a frame come from: our corners, or other keypoints and triples.
+//! Source of the triangles of a frame: our corners, or other keypoints and triples.
 //!
-//! In: luma of a level; its keypoints. Out: keypoints; triples of them. Memory: rows for the
-//! corners, and a triangulation. Cost: that of the stages `corners` and `delaunay`. Full:
-//! both count what they dropped.
+//! In: luma of a level, and later the keypoints of this level. Out: keypoints, and triples of them.
+//! Memory: rows for the corners, and a triangulation. Cost: that of the stages `corners` and
+//! `delaunay`. Full: both stages count what they dropped.
 
 use heapless::VecView;
 
@@ -14,23 +14,24 @@ use crate::extract::rank::rank;
 use crate::image::pyramid::Plane;
 use crate::model::method::Parameters;
 
-/// Where keypoints and triples of a frame come from: the framework is open to
-/// others than our corners and their triangulation. The levels above the finest are asked
-/// for first, the finest only where they leave doubts.
+/// Finds keypoints and triples in a frame. An implementation can replace our corners and their
+/// triangulation. The search asks for the levels above the finest first. It asks for the finest
+/// level only when the other levels leave doubts.
 pub trait Finder {
-    /// Appends the keypoints of pyramid level `level` to `out`, which is empty, in
-    /// px of that level: the best first, since what does not fit is lost.
+    /// Appends the keypoints of pyramid level `level` to `out`, in px of that level. `out` is empty
+    /// at the call. The best come first: keypoints that do not fit are lost.
     fn keypoints(&mut self, luma: Plane<'_, u8>, level: usize, out: &mut VecView<Corner>) -> StageStats;
 
-    /// Appends triples of indices into `points` (best first) to `out`, which is
-    /// empty and holds `KEYGRAPHS` of them; so many keygraphs are kept in all.
+    /// Appends triples of indices into `points` to `out`, best first. `out` is empty at the call,
+    /// and has room for `KEYGRAPHS` triples. A frame keeps `KEYGRAPHS` keygraphs over all levels.
     fn triples(&mut self, points: &[Point], out: &mut VecView<Triple>) -> StageStats;
 }
 
-/// Finder of Shi-Tomasi corners and nested Delaunay triangles, in borrowed memory.
+/// Finds Shi-Tomasi corners and nested Delaunay triangles, in borrowed memory.
 pub(crate) struct Corners<'a> {
     pub(crate) rules: &'static Parameters,
-    /// [`SCRATCH_ROWS`](crate::extract::corners::SCRATCH_ROWS) rows of the longest side.
+    /// Scratch memory: [`SCRATCH_ROWS`](crate::extract::corners::SCRATCH_ROWS) rows of the longest
+    /// side.
     pub(crate) scratch: &'a mut [f32],
     pub(crate) mesh: Workspace<'a>,
 }

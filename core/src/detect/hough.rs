@@ -1,12 +1,12 @@
-//! Votes gather in bins; the fullest bins are candidates.
+//! Counts votes in bins; the fullest bins become candidates.
 //!
-//! In: votes. Out: the poses with most votes, heaviest first. Votes are counted in a sparse
-//! Hough table over (object, x, y, rotation, size). A position bin is a quarter of the size, as
-//! in D. Lowe, *Distinctive Image Features from Scale-Invariant Keypoints*, IJCV 2004. A vote
-//! near a bin border goes to both bins; a keygraph counts once in a bin.
+//! In: votes. Out: the poses with the most votes, heaviest first. Votes are counted in a sparse
+//! Hough table over (object, x, y, rotation, size). A position bin is a quarter of the size, as in
+//! D. Lowe, *Distinctive Image Features from Scale-Invariant Keypoints*, IJCV 2004. A vote near a
+//! bin border counts in both bins. A keygraph counts once in a bin.
 //!
-//! Memory: 12 bytes a bin. Cost: some five bins a vote; candidates times bins to find the
-//! peaks. Full: votes for new bins are counted as dropped.
+//! Memory: 12 bytes for each bin. Cost: about five bins for each vote; to find the peaks, the
+//! number of candidates times the number of bins. Full: votes for new bins are counted as dropped.
 
 use heapless::VecView;
 
@@ -15,13 +15,13 @@ use crate::base::math;
 use crate::detect::vote::{Similarity, Vote};
 use crate::model::method::VoteRule;
 
-/// One bin of the Hough table; all zero when it is free.
+/// A bin of the Hough table; all its bytes are zero when it is free.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Bin {
     key: u32,
     weight: u32,
     object: u16,
-    /// The keygraph that voted last, plus one.
+    /// Index of the keygraph that voted last, plus one; 0 for a free bin.
     last: u16,
 }
 
@@ -29,34 +29,34 @@ impl Bin {
     /// A free bin.
     pub const FREE: Self = Self { key: 0, weight: 0, object: 0, last: 0 };
 
-    /// Whether no vote has fallen into it.
+    /// Whether no vote has fallen into the bin.
     #[must_use]
     pub const fn is_free(&self) -> bool {
         self.last == 0
     }
 }
 
-/// A pose that many matches speak for.
+/// A pose with many votes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Candidate {
-    /// The object.
+    /// Index of the object.
     pub object: u16,
-    /// The mean of the votes in and near its bin.
+    /// Mean pose of the votes in and near the candidate's bin.
     pub pose: Similarity,
-    /// The weight of its votes.
+    /// Sum of the weights of the votes in the candidate's bin.
     pub weight: u32,
 }
 
-/// Bins of the rotation, 20 degrees each.
+/// Number of rotation bins, 20 degrees each.
 const ROTATIONS: i32 = 18;
-/// Position bins start so many bins left of and above the frame's origin,
+/// Number of position bins to the left of the frame's origin, and above it.
 const OFFSET: i32 = 256;
-/// and so many lie side by side.
+/// Total number of position bins in each direction.
 const WIDE: i32 = 1024;
 
-/// Coordinates of a bin: size in half octaves, rotation in 20 degrees, position in
-/// quarters of the size.
+/// Coordinates of a bin: size in half octaves, rotation in 20 degrees, x and y in quarters of the
+/// size.
 type Coordinates = [i32; 4];
 
 fn pack([s, r, x, y]: Coordinates) -> u32 {
@@ -74,8 +74,8 @@ fn position_bin(size_bin: i32) -> f32 {
     math::exp(size_bin as f32 * (core::f32::consts::LN_2 / 2.0)) / 4.0
 }
 
-/// The bin that `v` falls into and, for soft votes within a quarter of a bin of the border, the
-/// bin beyond that border.
+/// The bin that `v` falls into. If `soft` is true and `v` is within a quarter of a bin of a border,
+/// also the bin beyond that border.
 fn near(v: f32, soft: bool) -> impl Iterator<Item = i32> {
     let bin = math::floor(v);
     let inside = v - bin as f32;
@@ -104,9 +104,9 @@ fn each_bin(pose: &Similarity, soft: bool, mut put: impl FnMut(u32)) {
     }
 }
 
-/// Counts the votes in `bins`, which is cleared first, and leaves the heaviest bins, apart
-/// from their neighbours, in `out`, heaviest first. Votes of one frame keygraph have to stand
-/// together.
+/// Counts the votes in `bins`, which are cleared first. Writes the heaviest bins to `out` as
+/// candidates, heaviest first, without the neighbours of a heavier bin. Votes of one frame keygraph
+/// must be next to each other. Returns the counts of votes in bins.
 pub fn find_candidates(votes: &[Vote], rule: &VoteRule, bins: &mut [Bin], out: &mut VecView<Candidate>) -> StageStats {
     let mut stats = StageStats::default();
     bins.fill(Bin::FREE);
@@ -131,7 +131,7 @@ pub fn find_candidates(votes: &[Vote], rule: &VoteRule, bins: &mut [Bin], out: &
     stats
 }
 
-/// The mean pose of the votes within (soft) reach of the candidate's bin.
+/// Mean pose of the votes within soft reach of the candidate's bin.
 fn mean(votes: &[Vote], c: &Candidate) -> Similarity {
     let reach = c.pose.size_px() / 4.0;
     let (mut sum, mut n) = ([0.0f32; 4], 0.0f32);
@@ -162,12 +162,13 @@ fn mean(votes: &[Vote], c: &Candidate) -> Similarity {
     }
 }
 
-/// The bin of a pose, an old one or a free one close to its place in the table.
+/// The bin with this key and object, or a free bin near its place in the table, which becomes this
+/// bin. `None` when the table is full there.
 fn slot(bins: &mut [Bin], key: u32, object: u16) -> Option<&mut Bin> {
     const PROBES: usize = 24;
     let hash = (key ^ u32::from(object) << 11).wrapping_mul(0x9e37_79b1);
     let n = bins.len();
-    // The high half of the product spreads best.
+    // The high half of the product spreads the keys best.
     let start = usize::try_from((u64::from(hash) * n as u64) >> 32).unwrap_or(0);
     let at = (0..PROBES.min(n)).map(|i| if start + i < n { start + i } else { start + i - n }).find(|&i| {
         let b = &bins[i];
@@ -180,8 +181,8 @@ fn slot(bins: &mut [Bin], key: u32, object: u16) -> Option<&mut Bin> {
     Some(b)
 }
 
-/// The heaviest bin; of equals the one with the least object and key, wherever it lies. `None`
-/// when all weigh less than `least`.
+/// The heaviest bin; `None` when all bins weigh less than `least`. Among bins of equal weight it is
+/// the one with the lowest object and key, so that the order in the table does not matter.
 fn heaviest(bins: &[Bin], least: u32) -> Option<Bin> {
     let weight = bins.iter().map(|b| b.weight).max().unwrap_or(0);
     if weight < least {
@@ -190,7 +191,7 @@ fn heaviest(bins: &[Bin], least: u32) -> Option<Bin> {
     bins.iter().filter(|b| b.weight == weight).min_by_key(|b| (b.object, b.key)).copied()
 }
 
-/// Moves the heaviest bins to `out`, and empties those around each.
+/// Writes the heaviest bins to `out`, and empties the bins around each.
 fn peaks(bins: &mut [Bin], rule: &VoteRule, out: &mut VecView<Candidate>) {
     out.clear();
     while !out.is_full() {
@@ -204,7 +205,7 @@ fn peaks(bins: &mut [Bin], rule: &VoteRule, out: &mut VecView<Candidate>) {
             rotation: u16::try_from(rotation).unwrap_or(0),
             size: i16::try_from(c[0] * 128 + 64).unwrap_or(i16::MAX),
         };
-        // The buffer is not full.
+        // This push cannot fail: the loop ends when `out` is full.
         let _ = out.push(Candidate { object: best.object, pose, weight: best.weight });
         for b in bins.iter_mut().filter(|b| b.weight > 0 && b.object == best.object) {
             let o = unpack(b.key);
@@ -257,7 +258,7 @@ mod tests {
         let mut poses = std::vec![pose(500.0, 90.0, 200.0, 60.0), pose(20.0, 400.0, 77.0, 300.0)];
         for i in 0..6 {
             let d = i as f32;
-            // Around rotation 0, where the bins wrap.
+            // The votes lie around rotation 0, where the bins wrap.
             poses.push(pose(200.0 + d, 150.0 - d, d - 3.0, 128.0 + d));
         }
         let mut bins = [Bin::FREE; 512];

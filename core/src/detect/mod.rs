@@ -1,7 +1,8 @@
-//! From the keygraphs of a frame to the objects in it: matches, votes, candidates, grown and
-//! aligned poses, and what speaks for them.
+//! The keygraphs of a frame become detections: matches, votes, candidates, grown and aligned poses,
+//! and the evidence for each pose.
 //!
-//! Rule: the stages take slices and views; `detector` alone owns buffers and knows their sizes.
+//! Rule: the stages take slices and views. Only `detector` owns buffers, and only `buffers` knows
+//! their sizes.
 
 pub mod classify;
 pub mod verify;

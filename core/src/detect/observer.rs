@@ -1,7 +1,7 @@
-//! Watching the stages: what each made of a frame, how much of it, and how long it took.
+//! Observation of the stages: what each stage made of a frame, how much, and in what time.
 //!
-//! In: what the stages hand over. Out: [`Stats`], and calls of an [`Observer`]. Memory: a
-//! reference; [`Stats`] has 220 bytes. Cost: two readings of a clock a call.
+//! In: the outputs of the stages. Out: [`Stats`], and calls of an [`Observer`]. Memory: a
+//! reference; [`Stats`] has 220 bytes. Cost: two readings of the clock for each output.
 
 use crate::base::capacity::{Buffer, Stage, StageStats, count};
 use crate::base::geometry::Point;
@@ -14,90 +14,90 @@ use crate::extract::feature::Feature;
 use crate::extract::keygraph::Keygraph;
 use crate::image::pyramid::PyramidView;
 
-/// What the stages did with one frame.
+/// Counts and times of the stages for one frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub struct Stats {
-    /// Counts by stage, in the order of [`Stage::ALL`].
+    /// Counts of each stage, in the order of [`Stage::ALL`].
     pub stages: [StageStats; Stage::COUNT],
-    /// Clock ticks by stage, in the same order.
+    /// Clock ticks of each stage, in the order of [`Stage::ALL`].
     pub ticks: [u64; Stage::COUNT],
 }
 
 impl Stats {
-    /// Nothing done yet.
+    /// Counts and ticks before any stage has run: all zero.
     pub(crate) const EMPTY: Self =
         Self { stages: [StageStats { seen: 0, kept: 0, dropped: 0 }; Stage::COUNT], ticks: [0; Stage::COUNT] };
 
-    /// Adds what was done besides.
+    /// Adds the counts and ticks of `more`.
     pub(crate) fn add(&mut self, more: &Self) {
         self.stages.iter_mut().zip(more.stages).for_each(|(s, m)| add(s, m));
         self.ticks.iter_mut().zip(more.ticks).for_each(|(t, m)| *t += m);
     }
 }
 
-/// What is counted while one frame is searched.
+/// Counters of one search of a frame.
 #[derive(Clone, Copy, Debug)]
 pub struct Tally {
     pub(super) stats: Stats,
-    /// Maximum number of elements in each buffer, in the order of [`Buffer::ALL`].
+    /// Maximum number of elements held by each buffer, in the order of [`Buffer::ALL`].
     pub(super) high_water: [u32; Buffer::COUNT],
 }
 
 impl Tally {
     pub(super) const EMPTY: Self = Self { stats: Stats::EMPTY, high_water: [0; Buffer::COUNT] };
 
-    /// Notes that a buffer holds so many elements.
+    /// Records that a buffer holds `held` elements.
     pub(super) fn mark(&mut self, buffer: Buffer, held: usize) {
         let most = &mut self.high_water[buffer as usize];
         *most = (*most).max(count(held));
     }
 
-    /// The counts of a stage.
+    /// Counts of a stage.
     pub(super) fn of(&mut self, stage: Stage) -> &mut StageStats {
         &mut self.stats.stages[stage as usize]
     }
 
-    /// Adds to the counts of a stage.
+    /// Adds `more` to the counts of a stage.
     pub(super) fn add(&mut self, stage: Stage, more: StageStats) {
         add(self.of(stage), more);
     }
 }
 
-/// What a stage has just made, for an [`Observer`]. Buffers are used again within a
-/// frame: levels, chunks of keygraphs and candidates come one after the other.
+/// Output that a stage has just made, for an [`Observer`]. A stage can make several outputs in a
+/// frame, one for each level, chunk of keygraphs or candidate. The buffers are reused in between.
 #[derive(Clone, Copy, Debug)]
 #[non_exhaustive]
 pub enum Output<'a> {
     /// Level 0 of luma and chroma.
     Planes(PyramidView<'a>),
-    /// The levels above it.
+    /// The pyramid levels of luma and chroma above level 0.
     Levels(PyramidView<'a>),
     /// Keypoints of a level, 1/16 px of that level, best first.
     Corners(&'a [Point]),
-    /// Triples of indices into these keypoints.
+    /// Triples of indices into the keypoints of the level.
     Triangles(&'a [Triple]),
-    /// The keygraphs among them.
+    /// Keygraphs among the triples of the level.
     Keygraphs(&'a [Keygraph]),
-    /// Features of all keygraphs, of so many bytes each.
+    /// Features of the keygraphs, and the number of bytes that each feature uses.
     Features(&'a [Feature], usize),
     /// Matches of a chunk of keygraphs, each with the index of its keygraph.
     Matches(&'a [(u16, Match)]),
-    /// The votes that came of these matches.
+    /// Votes cast by the matches of a chunk.
     Votes(&'a [Vote]),
-    /// The poses with most votes, heaviest first.
+    /// Poses with the most votes, heaviest first.
     Candidates(&'a [Candidate]),
-    /// What a candidate grew to, if anything.
+    /// Homography grown from a candidate, if any.
     Grown(Option<&'a Detection>),
-    /// The same, aligned to the frame.
+    /// Homography aligned to the frame, if any.
     Aligned(Option<&'a Detection>),
-    /// All that has been found, best score first, after each candidate.
+    /// All detections so far, best score first; shown after each candidate.
     Detections(&'a [Detection]),
 }
 
 impl Output<'_> {
-    /// The stage that made it.
+    /// The stage that made the output.
     #[must_use]
     pub const fn stage(&self) -> Stage {
         match self {
@@ -116,12 +116,12 @@ impl Output<'_> {
     }
 }
 
-/// Who watches the stages. A closure that returns ticks is one that only times them.
+/// Observes the stages. A closure that returns ticks is an observer that only times them.
 pub trait Observer {
-    /// Ticks of a clock that counts up; read between the stages.
+    /// Returns the ticks of a clock that counts up. It is called between the stages.
     fn now(&mut self) -> u64;
 
-    /// Told what each stage made, outside the time that is counted for it.
+    /// Receives what a stage made. The time of this call is not counted for any stage.
     fn saw(&mut self, output: Output<'_>) {
         let _ = output;
     }
@@ -133,7 +133,7 @@ impl<F: FnMut() -> u64> Observer for F {
     }
 }
 
-/// Counts the time of the stages.
+/// Measures the time of the stages.
 pub(crate) struct Laps<'a> {
     observer: &'a mut dyn Observer,
     last: u64,
@@ -145,7 +145,7 @@ impl<'a> Laps<'a> {
         Self { observer, last }
     }
 
-    /// Ends the work of a stage, and shows what it made.
+    /// Ends the work of a stage: adds its ticks, and shows its output.
     #[inline(never)]
     pub(crate) fn end(&mut self, tally: &mut Tally, output: Output<'_>) {
         let now = self.observer.now();

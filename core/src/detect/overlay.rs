@@ -1,14 +1,15 @@
-//! A template laid over the frame: sums over its blocks.
+//! Lays a template over the frame, and sums over its blocks.
 //!
-//! In: a level of a template, a level of the frame, and the map from the first to the second.
-//! Out: for blocks of the template, the moments of a correlation of its pixels with what the
-//! frame shows there, and the error sums of an alignment step.
+//! In: a level of a template, a level of the frame, and the map from the template's level to the
+//! frame's. Out: for blocks of the template, the moments of the correlation between template and
+//! frame, and the error sums of an alignment step.
 //!
-//! Sums are kept apart for every fourth column and added up in one order. So columns can be
-//! summed four at a time, where the target has vectors, or one by one: the sums are the same.
-//! `N` is the number of columns at a time, `R` the room that a row of numbers takes.
+//! Each sum has four parts, one for every fourth column. The parts are added in a fixed order.
+//! Therefore a target with vectors can sum four columns at a time, another target one column, and
+//! the sums are equal. `N` is the number of columns at a time. `R` is the length of the arrays that
+//! hold a row as floats.
 //!
-//! Memory: some 2 KB of stack, 4 KB where there are vectors. Cost: one bilinear sample for each
+//! Memory: about 2 KB of stack, 4 KB on a target with vectors. Cost: one bilinear sample for each
 //! pixel.
 
 use core::ops::Range;
@@ -18,24 +19,26 @@ use crate::base::geometry::Homography;
 use crate::base::math::{self, VECTORS};
 use crate::image::pyramid::Plane;
 
-/// Blocks each way.
+/// Number of blocks in each direction.
 pub(crate) const BLOCKS: usize = 6;
 
-/// Columns whose sums are kept apart, so that they can be added up side by side.
+/// Number of parts of a sum: one for every fourth column, so that four columns can be added side by
+/// side.
 const LANES: usize = 4;
 
-/// Columns that this target sums at a time, and the room of its rows: whole groups fit from any
-/// pixel on. One by one, pixels are sampled when they are wanted, and rows need no room.
+/// Number of columns that this target sums at a time, and the length of its row arrays. The arrays
+/// are long enough for a whole group that starts at the last pixel. A target that sums one column
+/// at a time samples a pixel when it needs it, and has no row arrays.
 const AT_ONCE: usize = if VECTORS { LANES } else { 1 };
 const ROOM: usize = if VECTORS { TEMPLATE_SIDE + LANES } else { 0 };
 
-/// Numbers of the columns that are summed at a time.
+/// One number for each column that is summed at a time.
 type Numbers<const N: usize> = [f32; N];
 
-/// `K` sums, each apart for every fourth column.
+/// `K` sums, each with a part for every fourth column.
 type Sums<const K: usize> = [[f32; LANES]; K];
 
-/// Adds the values of some columns, the first of which is the `lane`th of four.
+/// Adds the values of `N` columns to `sums`. `lane` is the offset of the first column in its block.
 #[inline(always)]
 fn add<const K: usize, const N: usize>(sums: &mut Sums<K>, lane: usize, values: [Numbers<N>; K]) {
     let first = if N == LANES { 0 } else { lane % LANES };
@@ -46,7 +49,7 @@ fn add<const K: usize, const N: usize>(sums: &mut Sums<K>, lane: usize, values: 
     }
 }
 
-/// The sums over all columns.
+/// Adds the parts of each sum.
 fn total<const K: usize>(sums: &Sums<K>) -> [f32; K] {
     const { assert!(LANES == 4) };
     sums.map(|v| (v[0] + v[1]) + (v[2] + v[3]))
@@ -57,28 +60,29 @@ fn times<const N: usize>(a: &Numbers<N>, b: &Numbers<N>) -> Numbers<N> {
     core::array::from_fn(|i| a[i] * b[i])
 }
 
-/// Sums of a correlation: the number of pixels; the pixels of the template and of the frame;
-/// their squares; their products.
+/// Sums of a correlation: the number of pixels; the pixels of the template and of the frame; the
+/// squares of each; their products.
 type Pairs = Sums<6>;
 
-/// The sums of a row of blocks.
+/// Sums of the correlations of a row of blocks.
 type RowOfPairs = [Pairs; BLOCKS];
 
-/// Adds pixels of the template and of the frame, where `seen` is 1 and not 0.
+/// Adds pixels of the template and of the frame. `seen` is 1 for a pixel that counts, and 0 for one
+/// that does not.
 #[inline(always)]
 fn add_pairs<const N: usize>(sums: &mut Pairs, lane: usize, [t, f]: [&Numbers<N>; 2], seen: &Numbers<N>) {
     let (t, f) = (times(t, seen), times(f, seen));
     add(sums, lane, [*seen, t, f, times(&t, &t), times(&f, &f), times(&t, &f)]);
 }
 
-/// What a correlation is made of.
+/// Moments of a correlation.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Moments {
-    /// Pixels.
+    /// Number of pixels.
     pub(crate) n: f32,
-    /// Means of the template and of the frame.
+    /// Mean of the template and mean of the frame.
     pub(crate) mean: [f32; 2],
-    /// Variance of the template, variance of the frame, covariance.
+    /// Variance of the template, variance of the frame, and covariance.
     pub(crate) t: f32,
     pub(crate) f: f32,
     pub(crate) tf: f32,
@@ -93,31 +97,32 @@ impl Moments {
     }
 }
 
-/// How a block is lit in template and frame, and how much it counts.
+/// Light of a block: its mean and spread in template and frame, and the weight of the block.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Shade {
     scale_t: f32,
     scale_f: f32,
-    /// The difference of the two means, each at its scale.
+    /// Difference between the mean of the template and the mean of the frame, each times its scale.
     offset: f32,
     weight: f32,
-    /// Minimum steps of a pixel that counts, gray levels.
+    /// Minimum step of a pixel that counts, gray levels: the sum of its absolute steps along the
+    /// row and across it.
     flat: f32,
 }
 
-/// The light of all blocks of a template.
+/// Light of all blocks of a template.
 pub(crate) type Light = [Shade; BLOCKS * BLOCKS];
 
-/// The light before a frame has been looked at.
+/// Light before a frame has been looked at.
 pub(crate) const NO_LIGHT: Light =
     [Shade { scale_t: 0.0, scale_f: 0.0, offset: 0.0, weight: 0.0, flat: 0.0 }; BLOCKS * BLOCKS];
 
-/// Pixels whose steps, along and across, together are less than this many spreads of their block
-/// are left out, unless the steps are [`STEEP`] gray levels: of what is flat, noise is most.
+/// Minimum step of a pixel that counts: [`FLAT`] spreads of its block, at most [`STEEP`] gray
+/// levels. Flat pixels are left out, because they show mostly noise.
 const FLAT: f32 = 0.8;
 const STEEP: f32 = 16.0;
 
-/// Blocks that count less are left out.
+/// Minimum weight of a block that counts.
 const LEAST_WEIGHT: f32 = 0.05;
 
 impl Shade {
@@ -129,7 +134,7 @@ impl Shade {
         Self { scale_t, scale_f, offset, weight: agreement(correlation), flat: (FLAT / scale_t).min(STEEP) }
     }
 
-    /// The light of a row of blocks.
+    /// Computes the light of a row of blocks from its correlation sums.
     #[inline(never)]
     fn renew(light: &mut [Self], pairs: &RowOfPairs) {
         for (shade, pairs) in light.iter_mut().zip(pairs) {
@@ -138,8 +143,8 @@ impl Shade {
     }
 }
 
-/// How much a block of this correlation speaks for a pose, 0 to 1: what chance
-/// gives counts nothing, and a hidden block does not pull.
+/// Agreement of a block with this correlation, 0 to 1. A correlation that arises by chance counts
+/// as 0, and so does a hidden block: it does not pull.
 pub(crate) fn agreement(correlation: f32) -> f32 {
     let a = ((correlation - 0.2) / 0.8).max(0.0);
     a * a
@@ -148,19 +153,19 @@ pub(crate) fn agreement(correlation: f32) -> f32 {
 /// What is known of the light when errors are summed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Lit {
-    /// Nothing: each row of blocks is looked at twice, first for its light.
+    /// The light is unknown: each row of blocks is read twice, first for its light.
     Unknown,
-    /// The light of the step before, which stays.
+    /// The light of the step before is used, and stays as it is.
     Known,
-    /// The light of the step before, which is brought up to date for the next.
+    /// The light of the step before is used, and updated for the next step.
     Renewed,
 }
 
-/// Weighted sums over a block: of the products of the steps, `x x`, `x y`, `y y`, and of each
-/// step with the error. The error is what the frame shows less what it should show.
+/// Weighted sums over a block: the products of the steps, `x x`, `x y`, `y y`, and each step times
+/// the error. The error is what the frame shows minus what the template says.
 type Errors = Sums<5>;
 
-/// Adds pixels beside each other.
+/// Adds the errors of `N` pixels side by side.
 #[inline(always)]
 fn add_errors<const N: usize>(
     sums: &mut Errors,
@@ -176,62 +181,63 @@ fn add_errors<const N: usize>(
     add(sums, lane, [times(&wx, gx), times(&wx, gy), times(&wy, gy), times(&wx, &e), times(&wy, &e)]);
 }
 
-/// The error sums of half a block each way.
+/// Error sums of one quarter of a block: half its width and half its height.
 pub(crate) struct Cell {
-    /// The sums of the products and errors of steps, as in [`Errors`].
+    /// Sums of the products and errors of the steps, as in [`Errors`].
     pub(crate) sums: [f32; 5],
-    /// What the steps are to be multiplied by for the light of the template.
+    /// Factor that normalises the steps: 1 over the spread of the template in the block.
     pub(crate) scale: f32,
-    /// Where its middle lies, px of the level of the template.
+    /// Middle of the quarter, px of the template's level.
     pub(crate) middle: [f32; 2],
 }
 
-/// The step between the rows of a level of a template that are correlated: where there are
-/// many, half of them tell as much.
+/// Distance between the rows of a template's level that are correlated. A large level has enough
+/// rows: every second one tells as much.
 pub(crate) fn every(luma: &Plane<'_, u8>) -> usize {
     if luma.width().max(luma.height()) > TEMPLATE_SIDE / 2 { 2 } else { 1 }
 }
 
-/// The columns of each of `blocks` blocks of a row of `width`, or the rows of a height: those
-/// whose `x * blocks / width` is the block's number; but for a `margin` at both ends.
+/// Columns of each block in a row of `width` pixels that has `blocks` blocks, or rows of each block
+/// in a column. Pixel `x` belongs to block `x * blocks / width`. A `margin` at both ends is left
+/// out.
 pub(crate) fn block_ranges(width: usize, blocks: usize, margin: usize) -> impl Iterator<Item = Range<usize>> {
     let start = move |b: usize| (b * width).div_ceil(blocks).max(margin);
     (0..blocks).map(move |b| start(b)..start(b + 1).min(width.saturating_sub(margin)))
 }
 
-/// The first of some ranges, as many as there is room for; empty ones follow.
+/// Collects the first `K` ranges; missing ranges are empty.
 fn ranges<const K: usize>(mut ranges: impl Iterator<Item = Range<usize>>) -> [Range<usize>; K] {
     core::array::from_fn(|_| ranges.next().unwrap_or_default())
 }
 
-/// The first and the second half of some pixels.
+/// Splits a range of pixels into its first and second half.
 fn halves(range: &Range<usize>) -> [Range<usize>; 2] {
     let middle = (range.start + range.end).div_ceil(2);
     [range.start..middle, middle..range.end]
 }
 
-/// Where the middle of some pixels lies.
+/// Middle of a range of pixels, px.
 fn middle(range: &Range<usize>) -> f32 {
     number(range.start + range.end - 1) / 2.0
 }
 
-/// A coordinate of a template as a number.
+/// Converts a coordinate of a template to a float.
 #[allow(clippy::cast_possible_truncation, clippy::cast_possible_wrap, reason = "templates are far smaller")]
 pub(crate) fn number(v: usize) -> f32 {
     v as i32 as f32
 }
 
-/// A level of the template, and the level of the frame that it lies on.
+/// A level of the template, and the level of the frame that it is laid over.
 pub(crate) struct Overlay<'a> {
     pub(crate) luma: Plane<'a, u8>,
     pub(crate) plane: Plane<'a, u8>,
-    /// Px of the first to px of the second.
+    /// Map from px of the template's level to px of the frame's level.
     pub(crate) map: Homography,
 }
 
 impl<'a> Overlay<'a> {
-    /// Where the pixels of row `y` lie in the frame. What the frame shows there goes into `out`,
-    /// if the row is sampled at once.
+    /// Returns where the pixels of row `y` lie in the frame. On a target with row arrays it also
+    /// writes what the frame shows there to `out`.
     #[inline(always)]
     fn row<const R: usize>(&self, y: usize, out: &mut [f32; R]) -> Scanline<'a> {
         let (h, v) = (self.map.0, number(y));
@@ -243,7 +249,7 @@ impl<'a> Overlay<'a> {
         line
     }
 
-    /// Correlates a row of blocks, which has the rows `ys`: of so many blocks each way.
+    /// Correlates a row of blocks. `ys` are the rows of its pixels, and it has [`BLOCKS`] blocks.
     pub(crate) fn correlate(&self, ys: Range<usize>) -> [Moments; BLOCKS] {
         let mut pairs = RowOfPairs::default();
         let columns: [_; BLOCKS] = ranges(block_ranges(self.luma.width(), BLOCKS, 0));
@@ -251,7 +257,7 @@ impl<'a> Overlay<'a> {
         pairs.each_ref().map(Moments::new)
     }
 
-    /// Adds the pixels of the rows `ys` to the blocks that have these columns.
+    /// Adds the pixels of the rows `ys` to the correlation sums of the blocks with these columns.
     #[inline(never)]
     fn add_row<const N: usize, const R: usize>(
         &self,
@@ -269,7 +275,7 @@ impl<'a> Overlay<'a> {
                 let end = xs.end.min(row.len());
                 for x in (xs.start..end).step_by(N) {
                     let Some((f, seen)) = line.group::<N, R>(&frame, x, end - x) else { continue };
-                    // Of whole gray levels sums are exact, in whatever order.
+                    // Whole gray levels make the sums exact in any order.
                     let f = f.map(|v| math::whole(v) as f32);
                     add_pairs(&mut sums, 0, [&pixels(row, &numbers, x), &f], &seen);
                 }
@@ -278,8 +284,9 @@ impl<'a> Overlay<'a> {
         }
     }
 
-    /// Sums the errors of each inner pixel that lies in the frame, over the halves of `blocks`
-    /// blocks each way, and calls `put` with each. With `steep`, flat pixels are left out.
+    /// Sums the errors of the inner pixels that lie in the frame, for `blocks` blocks in each
+    /// direction. Calls `put` with the sums of each quarter of a block. With `steep`, flat pixels
+    /// are left out.
     #[inline(always)]
     pub(crate) fn sum_errors(&self, blocks: usize, light: &mut Light, lit: Lit, steep: bool, put: impl FnMut(&Cell)) {
         self.sum_errors_by::<AT_ONCE, ROOM>(blocks, light, lit, steep, put);
@@ -333,25 +340,25 @@ impl<'a> Overlay<'a> {
     }
 }
 
-/// Room for a row of the template and what belongs to it, as numbers; none where pixels are
-/// looked at one by one.
+/// Arrays for a row of the template, its steps, and the frame's pixels, as floats. They are empty
+/// on a target that sums one column at a time.
 struct Rows<const R: usize> {
     /// Pixels of the template.
     numbers: [f32; R],
-    /// Steps of the template along the row and across it.
+    /// Steps of the template along the row, and across it.
     across: [f32; R],
     down: [f32; R],
-    /// What the frame shows, no number where it shows nothing.
+    /// Pixels of the frame; NaN where the frame shows nothing.
     frame: [f32; R],
 }
 
-/// A row of the template, its neighbours, and where it lies in the frame.
+/// A row of the template, its neighbours, and its place in the frame.
 struct Row<'a, const R: usize> {
     rows: &'a Rows<R>,
     pixels: &'a [u8],
-    /// The pixels left of and right of those that have both.
+    /// Left and right neighbours of the inner pixels: of all pixels that have both.
     beside: [&'a [u8]; 2],
-    /// The pixels above and below those.
+    /// Neighbours of the inner pixels above and below.
     upright: [&'a [u8]; 2],
     line: Scanline<'a>,
 }
@@ -359,12 +366,12 @@ struct Row<'a, const R: usize> {
 impl<const R: usize> Rows<R> {
     const EMPTY: Self = Self { numbers: [0.0; R], across: [0.0; R], down: [0.0; R], frame: [f32::NAN; R] };
 
-    /// Row `y`, which has neighbours above and below.
+    /// Loads row `y`, which must have a row above and a row below.
     #[inline(always)]
     fn load<'a>(&'a mut self, overlay: &Overlay<'a>, y: usize) -> Row<'a, R> {
         let [above, row, below] = [y - 1, y, y + 1].map(|y| overlay.luma.row(y));
         to_numbers(row, &mut self.numbers);
-        // As many of each as have neighbours.
+        // Each slice of neighbours has one element for each inner pixel.
         let (w, n) = (row.len(), row.len().saturating_sub(2));
         let beside = [&row[..n], &row[w - n..]];
         let upright = [above, below].map(|row| &row[(w - n) / 2..][..n]);
@@ -376,8 +383,8 @@ impl<const R: usize> Rows<R> {
 }
 
 impl<const R: usize> Row<'_, R> {
-    /// Adds the pixels of the columns `xs` to the errors and, for its light, to the pairs of
-    /// their block; but for those whose steps together are below `flat`.
+    /// Adds the pixels of the columns `xs` to the error sums and, if given, to the correlation sums
+    /// of their block. Pixels whose step is below `flat` are left out.
     #[inline(always)]
     fn add_cell<const N: usize>(
         &self,
@@ -407,8 +414,9 @@ impl<const R: usize> Row<'_, R> {
     }
 }
 
-/// Where the pixels of a row of the template lie in a plane: numerators and denominator of their
-/// places at the first, and how they change from one to the next.
+/// Positions of a row of template pixels in a plane of the frame. `from` holds the two numerators
+/// and the denominator of the first pixel's position, `step` their change from one pixel to the
+/// next.
 struct Scanline<'a> {
     plane: Plane<'a, u8>,
     from: [f32; 3],
@@ -423,7 +431,7 @@ impl Scanline<'_> {
         [a * reciprocal, b * reciprocal]
     }
 
-    /// Samples the first pixels of the row.
+    /// Samples the plane at the first pixels of the row, as many as `out` holds.
     #[inline(never)]
     fn sample(&self, out: &mut [f32]) {
         let n = out.len().min(TEMPLATE_SIDE);
@@ -434,8 +442,9 @@ impl Scanline<'_> {
         self.plane.sample(&mut out[..n], &mut ys[..n]);
     }
 
-    /// What the frame shows from pixel `x` on, of at most `n` of them, and 1 for each where it
-    /// shows something, or 0; `None` where it shows nothing.
+    /// Returns what the frame shows at `N` pixels from pixel `x` on, and 1 for each pixel that
+    /// counts, else 0. At most the first `n` pixels count, and only where the frame shows
+    /// something. `None` when a single pixel shows nothing.
     #[inline(always)]
     fn group<const N: usize, const R: usize>(
         &self,
@@ -448,7 +457,7 @@ impl Scanline<'_> {
             return self.plane.sample_one(u, v).map(|value| ([value; N], [1.0; N]));
         }
         let values: Numbers<N> = core::array::from_fn(|i| row[x + i]);
-        // Numbers, since they are compared side by side.
+        // Floats, because they can be compared side by side.
         let n = number(n);
         let there = |i: usize| (values[i] >= 0.0) & (number(i) < n);
         let seen = core::array::from_fn(|i| if there(i) { 1.0 } else { 0.0 });
@@ -456,7 +465,7 @@ impl Scanline<'_> {
     }
 }
 
-/// Makes numbers of a row of the template, where there is room.
+/// Converts a row of the template to floats, as many as `out` holds.
 #[inline]
 fn to_numbers(row: &[u8], out: &mut [f32]) {
     for (out, &v) in out.iter_mut().zip(row) {
@@ -464,8 +473,8 @@ fn to_numbers(row: &[u8], out: &mut [f32]) {
     }
 }
 
-/// The steps from what lies before the pixels of a row, but for the first, to what lies after
-/// them, where there is room.
+/// Writes the steps of the inner pixels to `out`, from index 1 on: each is `after` minus `before`.
+/// It stops where `out` ends.
 #[inline]
 fn to_steps([before, after]: [&[u8]; 2], out: &mut [f32]) {
     for ((out, &a), &b) in out.iter_mut().skip(1).zip(after).zip(before) {
@@ -477,14 +486,14 @@ fn step(before: u8, after: u8) -> f32 {
     f32::from(i16::from(after) - i16::from(before))
 }
 
-/// The steps at the pixels from `first` on.
+/// Steps of `N` pixels from pixel `first` on.
 #[inline]
 fn steps<const N: usize>([before, after]: [&[u8]; 2], numbers: &[f32], first: usize) -> Numbers<N> {
     let one = |i: usize| step(before[first - 1 + i], after[first - 1 + i]);
     core::array::from_fn(|i| if N > 1 { numbers[first + i] } else { one(i) })
 }
 
-/// The pixels of a row from `first` on.
+/// Values of `N` pixels of a row from pixel `first` on.
 #[inline]
 fn pixels<const N: usize>(row: &[u8], numbers: &[f32], first: usize) -> Numbers<N> {
     core::array::from_fn(|i| if N > 1 { numbers[first + i] } else { f32::from(row[first + i]) })
@@ -508,7 +517,7 @@ mod tests {
         (0..width * height).map(|i| texture(i % width, i / width, seed)).collect()
     }
 
-    /// A map that lets part of the template fall outside of the frame.
+    /// A map that puts a part of the template outside the frame.
     const MAP: Homography = Homography([1.1, 0.2, -4.0, -0.15, 1.2, 6.0, 4e-4, -3e-4, 1.0]);
 
     fn each(test: impl Fn(&Overlay<'_>)) {
@@ -520,7 +529,8 @@ mod tests {
         }
     }
 
-    /// The moments of a block, from their definition.
+    /// Moments of a block by their definition: number of pixels, variance of the template,
+    /// covariance.
     fn naive_moments(overlay: &Overlay<'_>, ys: Range<usize>, xs: &Range<usize>) -> [f64; 3] {
         let mut pairs = Vec::new();
         for y in ys.step_by(every(&overlay.luma)) {

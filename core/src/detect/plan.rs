@@ -1,28 +1,28 @@
-//! What is searched in which order, and when the search may stop.
+//! Plans the search: the order of its steps, and when it may stop.
 //!
-//! In: what a model holds, its method, and what the caller wishes. Out: steps, in rounds. A
-//! step names a part of the model (a tier) and a part of the frame (some levels), says under
-//! which condition it is taken, and what is believed after it. A plan knows no frame: it is a
-//! pure function, computed step by step.
+//! In: what a model holds, its method, and what the caller wishes. Out: steps, in rounds. A step
+//! names a part of the model (a tier) and a part of the frame (some levels). It also names the
+//! condition under which it is taken, and the minimum evidence for a detection after it. A plan
+//! does not depend on the frame: it is a pure function, computed step by step.
 //!
-//! A model with lists is searched in one round, for all objects at once; any other model, and
-//! a thorough search, in a round for each object.
+//! A model with lists is searched in one round, for all objects at once. Any other model is
+//! searched in one round for each object, and so is every model in a thorough search.
 //!
-//! Memory: [`Plan`], 40 bytes; one [`Step`] at a time. Cost: a few operations a step.
+//! Memory: [`Plan`], 40 bytes, and one [`Step`] at a time. Cost: a few operations for each step.
 
 use crate::base::capacity::id;
 use crate::model::format::Tier;
 use crate::model::method::{Bar, Lists, MatchRule, Parameters};
 use crate::model::parse::Model;
 
-/// What a plan depends on in a model.
+/// Properties of a model that a plan depends on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Scope {
-    /// How many objects it has.
+    /// Number of objects in the model.
     pub objects: usize,
-    /// Whether it has lists of the likeliest keygraphs of all objects.
+    /// Whether the model has lists of the most likely keygraphs of all objects.
     pub lists: bool,
-    /// Whether its objects have second tiers.
+    /// Whether the objects of the model have second tiers.
     pub second_tiers: bool,
 }
 
@@ -37,57 +37,58 @@ impl From<&Model<'_>> for Scope {
 pub struct Wish {
     /// Minimum score of a detection.
     pub threshold: f32,
-    /// Whether all of the frame is searched for all of the model, come what may.
+    /// Whether all of the frame is searched for all of the model in every case.
     pub thorough: bool,
 }
 
-/// The levels of the frame that a step looks at.
+/// Pyramid levels of the frame that a step compares.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Levels {
-    /// All levels above the finest: a quarter of the pixels.
+    /// All levels above the finest: they have a quarter of the pixels.
     Coarse,
     /// The finest level.
     Finest,
 }
 
-/// When a step is taken. Where it is not, its round ends.
+/// Condition under which a step is taken. When the condition fails, the round ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum When {
-    /// In any case.
+    /// The step is always taken.
     Always,
-    /// While nothing has been found of what the step looks for, or while a candidate of at
-    /// least this weight is open: it lies where nothing has been found.
+    /// The step is taken while nothing has been found that it looks for, or while a candidate of at
+    /// least this weight is open. An open candidate lies where nothing has been found.
     InDoubt(u32),
 }
 
-/// When votes become supporters of what has been found.
+/// Time at which votes become supporters of the detections.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Settle {
-    /// Never: nothing else is searched for.
+    /// Votes are never settled: nothing else is searched for.
     Never,
-    /// After each round; the open votes of the round are dropped then.
+    /// Votes are settled after each round. The round's open votes are then dropped.
     AfterRound,
-    /// After each decision, which is repeated with the votes that are still open for as long as
-    /// it finds something.
+    /// Votes are settled after each decision. The decision is repeated with the open votes for as
+    /// long as it finds something.
     AfterDecision,
 }
 
 /// One step of a search.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Step {
-    /// The keygraphs of the model that are compared.
+    /// Tier of the model whose keygraphs are compared.
     pub tier: Tier,
-    /// The keygraphs of the frame that are compared.
+    /// Levels of the frame whose keygraphs are compared.
     pub levels: Levels,
-    /// The condition under which the step is taken.
+    /// Condition under which the step is taken.
     pub when: When,
-    /// What counts as a match.
+    /// Rule that says what a match is.
     pub matching: MatchRule,
-    /// What is believed once the step's votes are cast; `None` to only cast them.
+    /// Minimum evidence for a detection in the decision after the step's votes are cast; `None`
+    /// when there is no decision.
     pub decide: Option<Bar>,
 }
 
-/// The order of the steps over all objects at once.
+/// Order of the steps of a search for all objects at once.
 const LISTED: [(Tier, Levels); 4] = [
     (Tier::Shortlist, Levels::Coarse),
     (Tier::Shortlist, Levels::Finest),
@@ -95,7 +96,7 @@ const LISTED: [(Tier, Levels); 4] = [
     (Tier::Longlist, Levels::Finest),
 ];
 
-/// A search, planned.
+/// Plan of a search.
 #[derive(Clone, Copy, Debug)]
 pub struct Plan {
     scope: Scope,
@@ -104,24 +105,24 @@ pub struct Plan {
 }
 
 impl Plan {
-    /// The plan for a model of this scope, searched by these rules.
+    /// Creates the plan for a model of this scope, searched by these rules.
     #[must_use]
     pub const fn new(scope: Scope, rules: &'static Parameters, wish: Wish) -> Self {
         Self { scope, rules, wish }
     }
 
-    /// The rules of the lists, where they are searched.
+    /// Rules of the lists; `None` when the lists are not searched.
     const fn lists(&self) -> Option<&'static Lists> {
         if self.scope.lists && !self.wish.thorough { self.rules.lists.as_ref() } else { None }
     }
 
-    /// How many rounds there are. What was found in one is known in the next.
+    /// Number of rounds. A round knows what the rounds before it have found.
     #[must_use]
     pub const fn rounds(&self) -> usize {
         if self.lists().is_some() { 1 } else { self.scope.objects }
     }
 
-    /// When votes become supporters.
+    /// Time at which votes become supporters.
     #[must_use]
     pub const fn settle(&self) -> Settle {
         match self.lists() {
@@ -131,7 +132,7 @@ impl Plan {
         }
     }
 
-    /// Step `i` of a round, `None` when there are no more.
+    /// Step `i` of a round; `None` when the round has no more steps.
     #[inline(never)]
     #[must_use]
     pub fn step(&self, round: usize, i: usize) -> Option<Step> {
@@ -141,9 +142,9 @@ impl Plan {
         }
     }
 
-    /// The steps for all objects at once, by more and more of the lists and of the frame. Of
-    /// many objects, once one has been found, the others are only searched for where a heavy
-    /// candidate speaks for them.
+    /// Step `i` of a search for all objects at once. The steps cover more and more of the lists and
+    /// of the frame. With more than [`Lists::few`] objects, once one has been found, the search
+    /// goes on only while a heavy candidate is open.
     fn step_over_all(&self, lists: &Lists, i: usize) -> Option<Step> {
         let &(tier, levels) = LISTED.get(i)?;
         let objects = self.scope.objects;
@@ -161,7 +162,8 @@ impl Plan {
         Some(Step { tier, levels, when, matching, decide: Some(bar) })
     }
 
-    /// The steps for one object, by more and more of the model and of the frame.
+    /// Step `i` of a search for one object. The steps cover more and more of the model and of the
+    /// frame.
     fn step_for_one(&self, object: u16, i: usize) -> Option<Step> {
         let (first, second) = (Tier::First(object), Tier::Second(object));
         let (tiers, n) = if self.scope.second_tiers { ([first, second], 2) } else { ([first; 2], 1) };
@@ -176,14 +178,15 @@ impl Plan {
         Some(Step { tier: tiers[i % n], levels, when, matching: self.rules.matching, decide })
     }
 
-    /// What is believed while more could still be searched.
+    /// Minimum evidence for a detection while parts of the model or the frame are still unsearched.
     fn first_bar(&self) -> Bar {
         let bar = self.rules.first_pass;
         Bar { score: self.wish.threshold.max(bar.score), ..bar }
     }
 
-    /// What is believed after the last of the lists: the odds of the threshold times a number
-    /// that grows with the objects, since with many there is more to be wrong about.
+    /// Minimum evidence for a detection after the last of the lists. The odds of the minimum score
+    /// are the odds of the threshold times a factor that grows with the number of objects: a search
+    /// for many objects has more chances to be wrong.
     fn bar_of_lists(&self, lists: &Lists) -> Bar {
         let wanted = self.wish.threshold;
         let odds = (lists.odds * self.scope.objects as f32).max(1.0);
@@ -202,8 +205,9 @@ mod tests {
 
     const ONE: Scope = Scope { objects: 1, lists: false, second_tiers: true };
 
-    /// The steps of a round as a table, a line each: tier, levels, condition, bits and marks
-    /// that may differ, and minimum weight, score, heavy weight and support.
+    /// The steps of a round as a table, one line for each step. A line holds tier, levels and
+    /// condition, then the bits and marks that may differ, then minimum weight, score, heavy weight
+    /// and support.
     fn table(scope: Scope, method: Method, wish: Wish, round: usize) -> Vec<String> {
         let plan = Plan::new(scope, method.parameters(), wish);
         let line = |s: Step| {

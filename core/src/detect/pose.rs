@@ -1,17 +1,16 @@
-//! A candidate grown to a homography over all vertex pairs that agree with it.
+//! Grows a candidate to a homography over all vertex pairs that agree with it.
 //!
-//! In: a candidate pose and the votes. Out: the homography from the picture to
-//! the frame, and how many frame corners agree with it. The vertex pairs of all
-//! matches of the object that lie near the candidate are fitted robustly (Tukey's
-//! biweight) by Gauss-Newton steps, first to an affine map, then to a
-//! homography, while the radius of agreement narrows.
+//! In: a candidate pose and the votes. Out: the homography from the picture to the frame, and the
+//! number of frame corners that agree with it. The vertex pairs of all matches of the object that
+//! lie near the candidate are fitted robustly (Tukey's biweight) by Gauss-Newton steps. The first
+//! steps fit an affine map, the later ones a homography, while the radius of agreement narrows.
 //!
-//! Picture coordinates are taken relative to the picture's middle and size, frame
-//! coordinates relative to the candidate's, so that all numbers are near 1 and
-//! `f32` is enough for the normal equations.
+//! Picture coordinates are relative to the picture's middle and size. Frame coordinates are
+//! relative to the candidate's. All numbers are then near 1, and `f32` is enough for the normal
+//! equations.
 //!
-//! Memory: 20 bytes a pair. Cost: some 80 operations a pair and step. Full:
-//! further pairs are counted as dropped.
+//! Memory: 20 bytes for each pair. Cost: about 80 operations for each pair and step. Full: further
+//! pairs are counted as dropped.
 
 use heapless::VecView;
 
@@ -22,36 +21,36 @@ use crate::detect::hough::Candidate;
 use crate::detect::vote::Vote;
 use crate::model::parse::Model;
 
-/// A model vertex and the frame corner that a match pairs it with, both in
-/// normalised coordinates.
+/// A vertex of the model and the frame corner that a match pairs it with, both in normalised
+/// coordinates.
 #[derive(Clone, Copy, Debug, Default)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Pair {
-    /// Picture point.
+    /// Position in the picture, normalised.
     pub from: [f32; 2],
-    /// Frame point.
+    /// Position in the frame, normalised.
     pub to: [f32; 2],
     /// Index of the frame corner.
     pub corner: u16,
-    /// How much it counts.
+    /// Weight of the vote that the pair comes from, 1 to 16.
     pub weight: u8,
 }
 
-/// Radius of agreement, in object sizes, of each step, and whether the step fits
-/// a homography.
+/// Steps of the fit: the radius of agreement, in object sizes, and whether the step fits a
+/// homography (otherwise an affine map).
 const STEPS: [(f32, bool); 7] =
     [(0.25, false), (0.15, false), (0.10, true), (0.06, true), (0.04, true), (0.03, true), (0.025, true)];
 
-/// Agreement is never asked to be finer than this, px.
+/// Minimum radius of agreement, px: a corner is not located better than this.
 pub const CORNER_NOISE_PX: f32 = 2.0;
 
-/// What counts as agreement in the end, object sizes.
+/// Radius of agreement when the agreeing corners are counted, in object sizes.
 pub const AGREEMENT: f32 = 0.025;
 
-/// Frame corners that can be told apart when they are counted.
+/// Maximum number of frame corners that can be told apart when they are counted.
 pub const MAX_CORNERS: usize = 4096;
 
-/// The maps between px and normalised coordinates.
+/// Maps between px and normalised coordinates.
 #[derive(Clone, Copy, Debug)]
 pub struct Normalised {
     picture: [f32; 3],
@@ -59,7 +58,8 @@ pub struct Normalised {
 }
 
 impl Normalised {
-    /// For a picture of this size seen at this candidate's pose.
+    /// Creates the maps for a picture of `width` x `height` px, and a candidate that lies at
+    /// `centre` in the frame with a size of `size_px`.
     #[must_use]
     pub fn new(width: f32, height: f32, centre: [f32; 2], size_px: f32) -> Self {
         let middle = |v: f32| (v - 1.0) / 2.0;
@@ -77,7 +77,7 @@ impl Normalised {
         [(p[0] - self.frame[0]) * self.frame[2], (p[1] - self.frame[1]) * self.frame[2]]
     }
 
-    /// The same homography between px.
+    /// Converts a homography between normalised coordinates to one from picture px to frame px.
     #[must_use]
     pub fn to_px(&self, h: &Homography) -> Homography {
         let [px, py, ps] = self.picture;
@@ -87,7 +87,7 @@ impl Normalised {
         out.after(h).after(&into).normalised()
     }
 
-    /// The same homography between normalised coordinates.
+    /// Converts a homography from picture px to frame px to one between normalised coordinates.
     #[must_use]
     pub fn unit_of(&self, h: &Homography) -> Homography {
         let [px, py, ps] = self.picture;
@@ -98,9 +98,9 @@ impl Normalised {
     }
 }
 
-/// Where a candidate is grown from, in normalised coordinates: turned as its pose says, and
-/// squeezed as the views of the votes near it are, in the mean. A view of a tilted
-/// picture says more of an object's shape than few pairs can.
+/// Returns the map from which a candidate is grown, in normalised coordinates. Its rotation is that
+/// of the candidate's pose. Its shape is the weighted mean over the views of the votes near the
+/// pose. The view of a tilted picture says more about an object's shape than a few pairs can.
 #[must_use]
 pub fn start(model: &Model<'_>, candidate: &Candidate, votes: &[Vote]) -> Homography {
     let pose = &candidate.pose;
@@ -109,7 +109,7 @@ pub fn start(model: &Model<'_>, candidate: &Candidate, votes: &[Vote]) -> Homogr
     for v in votes.iter().filter(|v| v.object == candidate.object) {
         let turn = v.pose.rotation.wrapping_sub(pose.rotation).cast_signed();
         let (dx, dy) = (v.pose.centre[0] - pose.centre[0], v.pose.centre[1] - pose.centre[1]);
-        // A bin: 20 degrees, half an octave, a quarter of the size.
+        // The limits are those of a bin: 20 degrees, half an octave, a quarter of the size.
         let near =
             turn.unsigned_abs() < 3641 && v.pose.size.abs_diff(pose.size) < 128 && dx * dx + dy * dy < reach * reach;
         if !near {
@@ -130,9 +130,9 @@ pub fn start(model: &Model<'_>, candidate: &Candidate, votes: &[Vote]) -> Homogr
     pose.turn().after(&Homography::affine([a, b, 0.0, c, d, 0.0]))
 }
 
-/// Gathers in `out` the vertex pairs of the object's votes that lie near the
-/// candidate's `start`. `vertices(i)` gives the corners of frame keygraph `i`: indices and
-/// level-0 positions, px.
+/// Writes to `out` the vertex pairs of the object's votes that lie near `start`, the map of the
+/// candidate. `vertices(i)` returns the corners of frame keygraph `i`: their indices, and their
+/// positions in level 0, px. Returns the maps to the pairs' coordinates, and the counts of pairs.
 pub fn collect_pairs(
     model: &Model<'_>,
     candidate: &Candidate,
@@ -147,7 +147,7 @@ pub fn collect_pairs(
     let mut stats = StageStats::default();
     out.clear();
     for v in votes.iter().filter(|v| v.object == candidate.object) {
-        // A vote that wants another turn or size cannot belong to this pose.
+        // A vote for another rotation or size cannot belong to this pose.
         let turn = v.pose.rotation.wrapping_sub(pose.rotation).cast_signed();
         if turn.unsigned_abs() > 8192 || v.pose.size.abs_diff(pose.size) > 256 {
             continue;
@@ -170,20 +170,21 @@ pub fn collect_pairs(
     (map, stats)
 }
 
-/// How firmly a fit holds to what it expects, against what few pairs say.
+/// Strength of the pulls on a fit, which count against what few pairs say.
 #[derive(Clone, Copy, Debug)]
 pub struct Prior {
-    /// The pull towards the shape that it started from.
+    /// Pull towards the shape that the fit started from.
     pub shape: f32,
-    /// The pull towards no perspective, for each unit of the pairs' weight.
+    /// Pull towards a map without perspective, for each unit of the pairs' weight.
     pub flat: f32,
 }
 
-/// Hardly, for an object that is tilted; firmly, for few pairs close together.
+/// Priors in the order in which they are tried: a weak one for an object that is tilted, a strong
+/// one for few pairs close together.
 pub const PRIORS: [Prior; 2] = [Prior { shape: 0.0, flat: 2.5e-4 }, Prior { shape: 0.1, flat: 1e-3 }];
 
-/// Fits a homography to `pairs`, from `start` on, which holds as `prior` says (one of
-/// [`PRIORS`]). `None` when too few pairs agree or the fit falls apart.
+/// Fits a homography to `pairs`, from `start` on. `prior` is one of [`PRIORS`]. Returns the map
+/// from picture px to frame px; `None` when too few pairs agree or the fit falls apart.
 #[must_use]
 pub fn grow(start: &Homography, map: &Normalised, pairs: &[Pair], prior: Prior) -> Option<Homography> {
     let mut h = *start;
@@ -198,8 +199,7 @@ pub fn grow(start: &Homography, map: &Normalised, pairs: &[Pair], prior: Prior) 
     Some(map.to_px(&h))
 }
 
-/// Distinct frame corners among `pairs` that agree with `h` (picture px to frame
-/// px).
+/// Number of distinct frame corners among `pairs` that agree with `h` (picture px to frame px).
 #[must_use]
 pub fn count_agreeing(map: &Normalised, pairs: &[Pair], h: &Homography) -> u16 {
     let h = map.unit_of(h);
@@ -220,26 +220,26 @@ pub fn count_agreeing(map: &Normalised, pairs: &[Pair], h: &Homography) -> u16 {
 
 /// One Gauss-Newton step of a robust homography fit.
 ///
-/// A pair gives two rows of the design matrix, `[u v o 0 0 0 -x u -x v]` and `[0 0 0 u v o
-/// -y u -y v]`: what their products have in common is summed once.
+/// A pair gives two rows of the design matrix: `[u v o 0 0 0 -x u -x v]` and `[0 0 0 u v o -y u -y
+/// v]`. Products that both rows have in common are summed once.
 #[derive(Debug)]
 pub struct Fit {
     h: Homography,
     radius2: f32,
-    /// Sums of `uu uv uo vv vo oo`, and of the first five times x and y.
+    /// Sums of the products `uu uv uo vv vo oo`; then sums of the first five times x, and times y.
     plain: [f32; 6],
     by_x: [f32; 5],
     by_y: [f32; 5],
-    /// Sums of `uu uv vv` times `x x + y y`.
+    /// Sums of the products `uu uv vv` times `x x + y y`.
     by_both: [f32; 3],
-    /// Sums of `u v o` times the errors, and of `u v` times `x ex + y ey`.
+    /// Sums of `u v o` times the error in x, and in y; then sums of `u v` times `x ex + y ey`.
     error_x: [f32; 3],
     error_y: [f32; 3],
     error_both: [f32; 2],
     weight: f32,
 }
 
-/// `sums += values * k`, element by element.
+/// Adds `values * k` to `sums`, element by element.
 pub(crate) fn accumulate<const N: usize>(sums: &mut [f32; N], values: &[f32], k: f32) {
     for (s, v) in sums.iter_mut().zip(values) {
         *s += v * k;
@@ -247,8 +247,7 @@ pub(crate) fn accumulate<const N: usize>(sums: &mut [f32; N], values: &[f32], k:
 }
 
 impl Fit {
-    /// A step from `h` in which points farther than `radius` from their image
-    /// count nothing.
+    /// Starts a step from `h`. A pair whose error exceeds `radius` has no weight.
     #[must_use]
     pub fn new(h: &Homography, radius: f32) -> Self {
         Self {
@@ -265,7 +264,7 @@ impl Fit {
         }
     }
 
-    /// Adds a pair of points; all coordinates near 1.
+    /// Adds a pair of points. All coordinates must be near 1.
     pub fn add(&mut self, from: [f32; 2], to: [f32; 2], weight: f32) {
         let h = &self.h.0;
         let d = h[6] * from[0] + h[7] * from[1] + 1.0;
@@ -316,9 +315,9 @@ impl Fit {
         self.weight
     }
 
-    /// The homography after the step; affine when not `projective`; it is
-    /// drawn to the shape of `start` as `prior` says. `None` when
-    /// the pairs do not determine it.
+    /// Returns the homography after the step; it is affine when `projective` is false. `prior`
+    /// pulls it towards the shape of `start`. `None` when the pairs do not determine the
+    /// homography.
     #[must_use]
     pub fn step(self, projective: bool, start: &Homography, prior: Prior) -> Option<Homography> {
         if self.weight < 2.0 {
@@ -326,18 +325,19 @@ impl Fit {
         }
         let n = if projective { 8 } else { 6 };
         let mut normal = self.normal();
-        // A weak pull towards the current map holds directions that the pairs
-        // leave open; a stronger one keeps perspective from fitting noise.
+        // A weak pull towards the current map holds the directions that the pairs leave open. A
+        // stronger pull keeps the perspective terms from fitting noise.
         for (i, row) in normal.iter_mut().enumerate().take(n) {
             row[i] += if i < 6 { 2e-3 } else { 1e-2 } * self.weight.max(4.0) * 0.25;
         }
-        // Few pairs do not make a shape: it tends to that of the start.
+        // Few pairs do not determine a shape: it is pulled towards the shape of the start.
         for i in [0, 1, 3, 4] {
             normal[i][i] += prior.shape;
             normal[i][8] += prior.shape * (start.0[i] - self.h.0[i]);
         }
         if projective {
-            // The perspective terms themselves, not their change, tend to zero.
+            // This pull acts on the perspective terms themselves, not on their change: they tend to
+            // zero.
             let pull = prior.flat * self.weight.max(4.0);
             for (i, row) in normal.iter_mut().enumerate().skip(6) {
                 row[i] += pull;
@@ -353,8 +353,8 @@ impl Fit {
     }
 }
 
-/// Solves the first `n` symmetric equations by elimination (their upper triangle
-/// and right side are given); `None` when they are singular.
+/// Solves the first `n` symmetric equations by elimination. `m` holds their upper triangle and
+/// right side. `None` when they are singular.
 pub(crate) fn solve(m: &mut [[f32; 9]; 8], n: usize) -> Option<[f32; 8]> {
     for i in 0..n {
         let pivot = m[i][i];
@@ -402,7 +402,7 @@ mod tests {
             let p = [f32::from(i * 37 % 200), f32::from(i * 53 % 150)];
             let mut q = truth.apply(p);
             if i % 3 == 0 {
-                q[0] += f32::from(i) - 30.0; // a third is wrong
+                q[0] += f32::from(i) - 30.0; // every third pair is wrong
                 q[1] -= 17.0;
             }
             pairs.push(Pair { from: map.picture_unit(p), to: map.frame_unit(q), corner: i, weight: 8 });

@@ -1,8 +1,8 @@
-//! What a frame shows, level by level: keypoints, keygraphs and their features.
+//! Finds what a frame shows, level by level: keypoints, keygraphs and their features.
 //!
-//! In: the pyramid of a frame, and a [`Finder`]. Out: the keygraphs of the levels that were
-//! asked for, with their features. The levels above the finest come first, and are a quarter
-//! of the pixels; the finest follows when a search asks for it.
+//! In: the pyramid of a frame, and a [`Finder`]. Out: the keygraphs of the levels that are asked
+//! for, with their features. The levels above the finest come first: they have a quarter of the
+//! pixels. The finest level follows when a search asks for it.
 //!
 //! Memory: borrowed buffers. Cost: that of the stages `corners`, `delaunay`, `keygraphs` and
 //! `features`. Full: each stage keeps what came first, and counts what it dropped.
@@ -23,10 +23,10 @@ use crate::extract::keygraph::{Keygraph, collect_keygraphs};
 use crate::image::pyramid::{PyramidView, to_level0};
 use crate::model::parse::Model;
 
-/// The level whose pixels are three in four of all: searched last.
+/// The finest level, which is searched last: it has three in four of all pixels.
 const FINEST: usize = 0;
 
-/// Where the keypoints of each level start and end among all keypoints.
+/// Ranges of the keypoints of each level among all keypoints: start and end.
 pub(crate) type Spans = [(u16, u16); LEVELS];
 
 /// The keypoints of one level, as a range of indices.
@@ -35,12 +35,12 @@ pub(crate) fn span(spans: &Spans, level: usize) -> Range<usize> {
     usize::from(start)..usize::from(end)
 }
 
-/// The vertices of a keygraph: their indices, and their places in level 0, px.
+/// The vertices of a keygraph: their indices, and their positions in level 0, px.
 pub(crate) fn vertices(points: &[Point], k: &Keygraph) -> [(u16, [f32; 2]); 3] {
     k.vertices.map(|v| (v, to_level0(points[usize::from(v)], usize::from(k.level))))
 }
 
-/// What is needed to look at a level.
+/// What a level is searched with.
 pub(crate) struct Look<'a, 'o> {
     pub(crate) model: &'a Model<'a>,
     pub(crate) finder: &'a mut dyn Finder,
@@ -51,24 +51,24 @@ pub(crate) struct Look<'a, 'o> {
 /// What a frame shows.
 pub(crate) struct Scene<'a> {
     pub(crate) pyramid: PyramidView<'a>,
-    /// Keypoints of all levels, in the order in which the levels were looked at.
+    /// Keypoints of all levels, in the order in which the levels were searched.
     pub(crate) points: &'a mut VecView<Point>,
     pub(crate) spans: &'a mut Spans,
-    /// Keygraphs of all levels, in the same order.
+    /// Keygraphs of all levels, in the order in which the levels were searched.
     pub(crate) keygraphs: &'a mut VecView<Keygraph>,
-    /// The features of the keygraphs, one for each.
+    /// Features of the keygraphs, one for each.
     pub(crate) features: &'a mut [Feature],
-    /// Corners and triples of the level that is being looked at.
+    /// Corners and triples of the level that is being searched.
     pub(crate) corners: &'a mut VecView<Corner>,
     pub(crate) triples: &'a mut VecView<Triple>,
-    /// Keygraphs of the coarse levels, which come first.
+    /// Number of keygraphs on the levels above the finest, which come first.
     pub(crate) coarse: usize,
-    /// Whether the finest level has been looked at.
+    /// Whether the finest level has been searched.
     pub(crate) has_finest: bool,
 }
 
 impl Scene<'_> {
-    /// Looks at the levels above the finest.
+    /// Finds the keygraphs of the levels above the finest, and their features.
     pub(crate) fn find_coarse(&mut self, look: &mut Look<'_, '_>) {
         for level in FINEST + 1..LEVELS {
             self.find_level(level, look);
@@ -77,8 +77,8 @@ impl Scene<'_> {
         self.coarse = self.keygraphs.len();
     }
 
-    /// The keygraphs of some levels, as a range of indices; looks at the finest level when it
-    /// is asked for first.
+    /// Returns the keygraphs of some levels, as a range of indices. The first call for the finest
+    /// level finds its keygraphs.
     pub(crate) fn keygraphs_of(&mut self, levels: Levels, look: &mut Look<'_, '_>) -> Range<usize> {
         if levels == Levels::Coarse {
             return 0..self.coarse;
@@ -114,7 +114,7 @@ impl Scene<'_> {
             tally.mark(Buffer::Triangulation, self.corners.len());
             let room = self.points.capacity() - self.points.len();
             let lost = self.corners.len().saturating_sub(room);
-            // As many as fit.
+            // Keypoints that do not fit are counted as dropped.
             self.points.extend(self.corners.iter().take(room).map(|c| c.point));
             stats.kept = stats.kept.saturating_sub(count(lost));
             stats.dropped += count(lost);
@@ -135,7 +135,7 @@ impl Scene<'_> {
     fn find_keygraphs(&mut self, level: usize, look: &mut Look<'_, '_>) {
         let range = span(self.spans, level);
         let (first, n) = (id(range.start), id(range.len()));
-        // A foreign finder may err; a triple of what is not there is no triple.
+        // A finder of the caller may err: triples with indices out of range are left out.
         self.triples.retain(|t| t.iter().all(|&v| v < n));
         let rule = &look.model.method().parameters().scalene;
         let level = u8::try_from(level).unwrap_or(0);
@@ -145,7 +145,7 @@ impl Scene<'_> {
         look.tally.add(Stage::Keygraphs, stats);
     }
 
-    /// Extracts the features of the keygraphs from `first` on.
+    /// Extracts the features of the keygraphs from index `first` on.
     #[inline(never)]
     fn extract_features(&mut self, first: usize, look: &mut Look<'_, '_>) {
         let model = look.model;

@@ -1,13 +1,13 @@
 //! The search of a frame: one loop over the steps of a plan.
 //!
-//! In: a frame's pyramid, a model, a [`Plan`]. Out: detections, best score first. A step
-//! gathers the votes of some keygraphs of the frame for some keygraphs of the model; a decision
-//! turns the open votes into candidates, grows and aligns each, and keeps those that enough
-//! speaks for; settling tells the votes of what has been found from those that are open.
+//! In: a frame's pyramid, a model, a [`Plan`]. Out: detections, best score first. A step gathers
+//! votes: it compares some keygraphs of the frame with some keygraphs of the model. A decision
+//! turns the open votes into candidates, grows and aligns each, and keeps those with enough
+//! evidence. Settling separates the votes that support a detection from the open ones.
 //!
-//! Memory: borrowed buffers. No stage is inlined, so that the stack holds what one of them
-//! needs, not what they need together. Cost: the sum of the stages. Full: each stage counts
-//! what it dropped.
+//! Memory: borrowed buffers. No stage is inlined, so that the stack holds what one stage needs and
+//! not what all need together. Cost: the sum of the stages. Full: each stage counts what it
+//! dropped.
 
 use core::ops::Range;
 
@@ -34,16 +34,16 @@ use crate::image::pyramid::PyramidView;
 use crate::model::method::Bar;
 use crate::model::parse::{Model, Object, View};
 
-/// Blocks that agree from which on a pose is not grown a second time.
+/// Minimum support of a pose that is not grown a second time, in blocks that agree.
 const CONVINCING: f32 = 8.0;
 
-/// Keygraphs that are matched before their matches are verified.
+/// Number of keygraphs that are matched before their matches are verified.
 pub(crate) const CHUNK: usize = 16;
 
-/// Matches of a chunk of keygraphs, each with its keygraph.
+/// Matches of a chunk of keygraphs, each with the index of its keygraph.
 pub(crate) type Matches = Vec<(u16, Match), { CHUNK * NEIGHBOURS }>;
 
-/// Buffers whose size no profile changes.
+/// Buffers that have the same size in every profile.
 #[derive(Debug)]
 pub struct Findings {
     pub(crate) matches: Matches,
@@ -55,7 +55,7 @@ impl Findings {
     pub(crate) const EMPTY: Self = Self { matches: Vec::new(), candidates: Vec::new(), detections: Vec::new() };
 }
 
-/// A search that goes on.
+/// State of a search.
 pub(crate) struct Search<'a, 'o> {
     pub(crate) look: Look<'a, 'o>,
     pub(crate) scene: Scene<'a>,
@@ -66,11 +66,11 @@ pub(crate) struct Search<'a, 'o> {
 }
 
 impl Search<'_, '_> {
-    /// Takes the steps of a plan.
+    /// Runs the steps of a plan.
     pub(crate) fn run(&mut self, plan: &Plan) {
         self.scene.find_coarse(&mut self.look);
         for round in 0..plan.rounds() {
-            // The weight of the heaviest candidate that the last decision left open.
+            // Weight of the heaviest candidate that the last decision left open.
             let mut open = None;
             for i in 0.. {
                 let Some(step) = plan.step(round, i) else { break };
@@ -89,7 +89,8 @@ impl Search<'_, '_> {
         }
     }
 
-    /// Whether a step is taken, after a decision that left `open` as its heaviest candidate.
+    /// Whether a step is to be taken. `open` is the weight of the heaviest candidate that the last
+    /// decision left open.
     fn is_wanted(&self, step: &Step, open: Option<u32>) -> bool {
         match step.when {
             When::Always => true,
@@ -112,7 +113,7 @@ impl Search<'_, '_> {
         }
     }
 
-    /// Matches a chunk of keygraphs.
+    /// Finds the matches of a chunk of keygraphs.
     #[inline(never)]
     fn find_matches(&mut self, step: &Step, chunk: Range<usize>) {
         let Self { scene, findings: Findings { matches, detections, .. }, look, .. } = self;
@@ -125,7 +126,7 @@ impl Search<'_, '_> {
                 continue;
             }
             let nearest = classify(look.model, step.tier, k, &scene.features[i], &step.matching);
-            // They fit: a keygraph has at most NEIGHBOURS of them.
+            // All matches fit: a keygraph has at most NEIGHBOURS of them.
             matches.extend(nearest.into_iter().flatten().map(|m| (id(i), m)));
         }
         look.tally.add(Stage::Classify, StageStats { seen, kept: count(matches.len()), dropped: 0 });
@@ -162,7 +163,7 @@ impl Search<'_, '_> {
     fn decide(&mut self, bar: &Bar, when_to_settle: Settle) -> Option<u32> {
         loop {
             let known = self.findings.detections.len();
-            // A keygraph counts once in a bin: its votes have to stand together.
+            // A keygraph counts once in a bin: its votes must be next to each other.
             sort_by_key(self.votes.open_mut(), |v| (v.frame_keygraph, v.model_keygraph));
             self.find_candidates();
             self.look.laps.end(self.look.tally, Output::Candidates(&self.findings.candidates));
@@ -182,7 +183,7 @@ impl Search<'_, '_> {
         open.map(|c| c.weight).max()
     }
 
-    /// Finds the poses that most open votes speak for.
+    /// Finds the poses with the most open votes.
     #[inline(never)]
     fn find_candidates(&mut self) {
         let rules = self.look.model.method().parameters();
@@ -193,7 +194,7 @@ impl Search<'_, '_> {
         self.look.tally.mark(Buffer::Bins, self.bins.iter().filter(|b| !b.is_free()).count());
     }
 
-    /// Makes poses of the candidates, and keeps those that enough speaks for.
+    /// Turns the candidates into poses, and keeps those with enough evidence.
     #[inline(never)]
     fn examine(&mut self, bar: &Bar) {
         let (model, rules) = (self.look.model, self.look.model.method().parameters());
@@ -218,8 +219,8 @@ impl Search<'_, '_> {
         }
     }
 
-    /// Grows and aligns a candidate by each prior until one convinces; the pose that most blocks
-    /// agree with.
+    /// Grows and aligns a candidate with each prior until a pose is convincing. Returns the pose
+    /// that most blocks agree with.
     #[inline(never)]
     fn find_pose(&mut self, candidate: &Candidate, map: &Normalised, start: &Homography) -> Option<Detection> {
         let support = |d: &Option<Detection>| d.map_or(-1.0, |d| d.appearance.support);
@@ -239,8 +240,8 @@ impl Search<'_, '_> {
         best
     }
 
-    /// Gathers the vertex pairs near a candidate. Returns the coordinates that they are in, and
-    /// the pose to grow from.
+    /// Gathers the vertex pairs near a candidate. Returns the maps to the pairs' coordinates, and
+    /// the map from which the candidate is grown.
     #[inline(never)]
     fn find_pairs(&mut self, candidate: &Candidate) -> (Normalised, Homography) {
         let (scene, model, votes) = (&self.scene, self.look.model, self.votes.all());
@@ -254,8 +255,8 @@ impl Search<'_, '_> {
         (map, start)
     }
 
-    /// Grows a candidate over its pairs; `None` when that leads nowhere, or to what has been
-    /// found.
+    /// Grows a candidate over its pairs. `None` when the fit fails, when the pose is not plausible,
+    /// or when the instance has been found already with at least as many agreeing corners.
     #[inline(never)]
     fn grow(&mut self, object: u16, map: &Normalised, start: &Homography, prior: Prior) -> Option<Detection> {
         let homography = grow(start, map, self.pairs, prior)?;
@@ -268,7 +269,7 @@ impl Search<'_, '_> {
         (d.is_plausible() && !known).then_some(d)
     }
 
-    /// Aligns a grown pose with the frame; `None` when that is hopeless.
+    /// Aligns a grown pose to the frame; `None` when too few blocks agree.
     #[inline(never)]
     fn align(&mut self, d: &Detection) -> Option<Detection> {
         self.look.tally.of(Stage::Accept).seen += 1;
@@ -279,7 +280,7 @@ impl Search<'_, '_> {
         Some(Detection { appearance, ..Detection::at(self.look.model, d.object, &aligned) })
     }
 
-    /// Keeps a detection if it is likely enough and the best at its place.
+    /// Keeps a detection if it scores at least `threshold` and is the best at its place.
     fn accept(&mut self, d: &Detection, threshold: f32) {
         let lost = accept(&mut self.findings.detections, d, threshold);
         let stats = self.look.tally.of(Stage::Accept);
@@ -292,7 +293,7 @@ impl Search<'_, '_> {
     }
 }
 
-/// A candidate as it is: the paper.
+/// Turns a candidate into a detection as it is, as in the paper.
 fn similar(model: &Model<'_>, c: &Candidate) -> Detection {
     let o = model.object(usize::from(c.object));
     let map = Normalised::new(o.width as f32, o.height as f32, c.pose.centre, c.pose.size_px());
@@ -303,8 +304,8 @@ fn similar(model: &Model<'_>, c: &Candidate) -> Detection {
     }
 }
 
-/// How much the vote of a match counts, 1 to 16; `None` when its surroundings are
-/// less than `least` alike.
+/// Weight of a match's vote, 1 to 16; `None` when the likeness of its surroundings is below
+/// `least`.
 fn weight_of(
     frame: &PyramidView<'_>,
     object: &Object<'_>,

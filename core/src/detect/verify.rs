@@ -1,15 +1,14 @@
-//! Do the surroundings of a match look alike?
+//! Measures whether the surroundings of a match look alike.
 //!
-//! In: the vertices of a match in the template and in the frame. Out: how well
-//! the template around the triangle correlates with the frame there. Three pairs
-//! of points are an affine map; under it a window somewhat larger than the
-//! triangle is compared pixel by pixel, luma and chroma, each with zero mean and
-//! unit spread. What classifying lets through is mostly wrong; of the wrong ones the
-//! window throws out all but one or two in a hundred, so that a few right matches
-//! are enough for a pose.
+//! In: the vertices of a match in the template and in the frame. Out: how well the template around
+//! the triangle correlates with the frame there. Three pairs of points determine an affine map.
+//! Under this map a window somewhat larger than the triangle is compared pixel by pixel, luma and
+//! chroma, each with zero mean and unit spread. Most matches from the classifier are wrong. This
+//! stage rejects all but one or two in a hundred of the wrong ones, so that a few right matches are
+//! enough for a pose.
 //!
-//! Memory: none. Cost: 36 bilinear samples of luma for nearly every match, 144 and
-//! 36 of chroma for one in five.
+//! Memory: none. Cost: 36 bilinear samples of luma for nearly every match; 144 more, and 36 of
+//! chroma, for one match in five.
 
 use crate::base::capacity::LEVELS;
 use crate::base::geometry::Homography;
@@ -18,28 +17,29 @@ use crate::image::frame::NO_CHROMA;
 use crate::image::pyramid::{Plane, PyramidView, between, into_level, nearest, out_of_level};
 use crate::model::parse::Template;
 
-/// Half of a window's side, in square roots of the triangle's area.
+/// Half the side of a window, in square roots of the triangle's area.
 const HALF_SIDE: f32 = 1.5;
-/// Least half side of a window, template px.
+/// Minimum half side of a window, template px.
 const LEAST_HALF_SIDE: f32 = 5.0;
-/// Most pixels on a window's side.
+/// Maximum number of pixels on a side of a window.
 const SIDE: f32 = 12.0;
-/// Spread that noise has, gray levels, and steps of chroma.
+/// Spread of the noise: gray levels of luma, and steps of chroma.
 const LUMA_NOISE: f32 = 3.0;
 pub(crate) const CHROMA_NOISE: f32 = 4.0;
-/// The rest is not looked at below this correlation of a quarter of the luma.
+/// Minimum correlation of a quarter of the luma pixels for the rest to be compared.
 const LEAST_GLANCE: f32 = 0.2;
-/// Chroma is not looked at below this correlation of luma.
+/// Minimum correlation of luma for chroma to be compared.
 const LEAST_LUMA: f32 = 0.3;
 
-/// Where there is no chroma luma has to do: what it lacks counts so often again,
-/// which lets as many wrong matches through as both do together.
+/// Factor for a match without chroma. What the correlation of luma lacks to 1 is multiplied by this
+/// factor, and counts as what the correlation of chroma lacks. With this value luma alone lets
+/// through as many wrong matches as luma and chroma together.
 const GRAY: f32 = 7.0 / 3.0;
-/// Least pixels that a window must have in the frame, of luma and of chroma.
+/// Minimum number of a window's pixels that lie in the frame, of luma and of chroma.
 const LEAST_LUMA_SAMPLES: usize = 36;
 const LEAST_CHROMA_SAMPLES: i32 = 6;
 
-/// The affine map that takes three points to three others.
+/// The affine map that takes three points to three others; `None` when `from` lie on a line.
 #[must_use]
 pub fn affine_through(from: &[[f32; 2]; 3], to: &[[f32; 2]; 3]) -> Option<Homography> {
     let minus = |a: [f32; 2], b: [f32; 2]| [a[0] - b[0], a[1] - b[1]];
@@ -57,11 +57,11 @@ pub fn affine_through(from: &[[f32; 2]; 3], to: &[[f32; 2]; 3]) -> Option<Homogr
     Some(Homography::affine([a, b, c, d, e, f]))
 }
 
-/// Fraction bits of a position.
+/// Number of fraction bits of a position.
 const SHIFT: u32 = 16;
 const HALF: i32 = 1 << (SHIFT - 1);
 
-/// Positions in the frame of the pixels of a window, step by step.
+/// Positions in the frame of a window's pixels, computed step by step.
 struct Walk {
     map: Homography,
     step: [i32; 2],
@@ -86,17 +86,17 @@ fn fixed(v: f32) -> i32 {
     math::round(v * (1 << SHIFT) as f32)
 }
 
-/// Bilinear sample; `None` outside the plane.
+/// Bilinear sample of a plane; `None` outside the plane.
 fn sample(plane: &Plane<'_, u8>, [x, y]: [i32; 2]) -> Option<i32> {
     let square = plane.square([x, y].map(|v| (v >> SHIFT).cast_unsigned() as usize))?;
     Some((between(square, x >> 8 & 0xff, y >> 8 & 0xff) + (1 << 15)) >> 16)
 }
 
-/// Sums of a correlation over at most ten thousand pixels, exact.
+/// Sums of a correlation. They are exact for at most ten thousand pixels.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct Counts {
     n: i32,
-    /// Template and frame, of one component or two.
+    /// Sums over the template, then over the frame, each for one or two components.
     t: [i32; 2],
     f: [i32; 2],
     tt: i32,
@@ -120,7 +120,7 @@ impl Counts {
         }
     }
 
-    /// Correlation of what stands above `noise`, the spread of a pixel.
+    /// Correlation of what stands above the noise. `noise` is the spread of a pixel's noise.
     pub(crate) fn correlation(&self, noise: f32) -> f32 {
         let n = self.n.max(1) as f32;
         let without_mean = |sum: i32, a: [i32; 2], b: [i32; 2]| {
@@ -133,18 +133,18 @@ impl Counts {
     }
 }
 
-/// The window of a match.
+/// Window of a match.
 struct Window {
-    /// Its middle and half its side, template px.
+    /// Middle of the window, and half its side, template px.
     middle: [f32; 2],
     half: f32,
-    /// Template px to frame px.
+    /// Map from template px to frame px.
     map: Homography,
 }
 
 impl Window {
-    /// The template px of a plane `size` px wide and high that lie in the window;
-    /// a px of the plane is `px` template px.
+    /// Columns and rows that lie in the window, of a template plane of `size` px. `px` is the side
+    /// of the plane's pixels, template px.
     fn pixels(&self, size: [usize; 2], px: f32) -> [core::ops::Range<usize>; 2] {
         [0, 1].map(|i| {
             let at = |v: f32| usize::try_from(math::floor((v + 0.5) / px + 0.5)).unwrap_or(0).min(size[i]);
@@ -152,7 +152,7 @@ impl Window {
         })
     }
 
-    /// Correlation of every `step`th pixel's luma, both ways.
+    /// Correlation of luma over every `step`th pixel in both directions.
     fn luma(&self, view: &PyramidView<'_>, template: &Template<'_>, level: usize, scale: f32, step: usize) -> f32 {
         let px = f32::from(1u8 << level);
         let source = template.luma(level);
@@ -172,7 +172,7 @@ impl Window {
                 at = walk.next(at);
             }
         }
-        // A window that is mostly outside tells nothing.
+        // A window that lies mostly outside the frame tells nothing.
         let seen = usize::try_from(sums.n).unwrap_or(0) * step * step;
         if seen < LEAST_LUMA_SAMPLES { 0.0 } else { sums.correlation(LUMA_NOISE) }
     }
@@ -203,15 +203,15 @@ impl Window {
     }
 }
 
-/// The level whose pixels are nearest to `px` px.
+/// The pyramid level whose pixels have a side nearest to `px` px.
 fn level_of(px: f32) -> usize {
     const { assert!(LEVELS == 4) };
     [1.41, 2.83, 5.66].iter().filter(|&&v| px > v).count()
 }
 
-/// How alike the surroundings of a match are, at most 2: the correlation of luma
-/// plus that of chroma, or of luma alone where `gray` or where chroma is missing.
-/// `from` are its vertices in the template, px; `to` in the frame, px.
+/// Likeness of the surroundings of a match, at most 2: the correlation of luma plus that of chroma.
+/// With `gray`, or where chroma is missing, luma alone is compared. `from` are the vertices in the
+/// template, px; `to` are the vertices in the frame, px.
 #[must_use]
 pub fn likeness(
     view: &PyramidView<'_>,
@@ -226,11 +226,11 @@ pub fn likeness(
     let side = math::coarse_sqrt(((q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])).abs() / 2.0);
     let half = (HALF_SIDE * side).max(LEAST_HALF_SIDE);
     let level = level_of(2.0 * half / SIDE * 1.2);
-    // Frame px a template px.
+    // Frame px per template px.
     let scale = math::coarse_sqrt((a * e - b * d).abs());
     let middle = [0, 1].map(|i| (p[i] + q[i] + r[i]) / 3.0);
     let window = Window { middle, half, map };
-    // A quarter of the pixels tell most of the wrong ones.
+    // A quarter of the pixels is enough to reject most wrong matches.
     if window.luma(view, template, level, scale, 2) < LEAST_GLANCE {
         return 0.0;
     }
@@ -252,7 +252,7 @@ mod tests {
     use std::vec;
 
     const SIDE: usize = 64;
-    /// Vertices in the template; the frame shows it twice as large.
+    /// Vertices in the template. The frame shows the template twice as large.
     const FROM: [[f32; 2]; 3] = [[12.0, 20.0], [40.0, 16.0], [28.0, 44.0]];
     const TO: [[f32; 2]; 3] = [[24.5, 40.5], [80.5, 32.5], [56.5, 88.5]];
 

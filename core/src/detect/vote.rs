@@ -1,12 +1,12 @@
 //! Matches vote for a pose of their object.
 //!
-//! In: a match, and its vertices in the view and in the frame. Out: a [`Vote`]. The similarity
-//! that maps the three vertices best (least squares) gives the middle of the object, its
-//! rotation and its size. [`Votes`] keeps the votes of a frame: supporters of what has been
-//! found, then open votes.
+//! In: a match, and its vertices in the view and in the frame. Out: a [`Vote`]. The similarity that
+//! maps the three vertices best (least squares) gives the middle of the object, its rotation and
+//! its size. [`Votes`] keeps the votes of a frame: first the votes that support a detection, then
+//! the open votes.
 //!
-//! Memory: 24 bytes a vote. Cost: some 100 operations a match. Full: further votes are
-//! counted as dropped.
+//! Memory: 24 bytes for each vote. Cost: about 100 operations for each match. Full: further votes
+//! are counted as dropped.
 
 use heapless::{Vec, VecView};
 
@@ -15,20 +15,20 @@ use crate::base::math;
 use crate::detect::classify::Match;
 use crate::model::parse::{Object, View};
 
-/// A pose hypothesis: where the middle of an object lies, and its turn and size.
+/// A pose as a similarity: position of the object's middle, rotation and size.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Similarity {
     /// Middle of the picture in the frame, px.
     pub centre: [f32; 2],
-    /// Rotation, in turns of 65,536; from the x axis towards the y axis.
+    /// Rotation from the x axis towards the y axis; 65,536 is a full turn.
     pub rotation: u16,
     /// Size in the frame (square root of the area): `256 log2(px)`.
     pub size: i16,
 }
 
 impl Similarity {
-    /// Size in the frame, px.
+    /// Size in the frame (square root of the area), px.
     #[must_use]
     pub fn size_px(&self) -> f32 {
         math::exp(f32::from(self.size) * (core::f32::consts::LN_2 / 256.0))
@@ -40,7 +40,7 @@ impl Similarity {
         f32::from(self.rotation) * (core::f32::consts::TAU / 65536.0)
     }
 
-    /// The rotation alone.
+    /// Rotation of the pose as a homography, without its size and position.
     #[must_use]
     pub fn turn(&self) -> Homography {
         let (sin, cos) = math::sin_cos(self.radians());
@@ -48,30 +48,30 @@ impl Similarity {
     }
 }
 
-/// One match and the pose that it speaks for.
+/// A match and the pose that it votes for.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Vote {
-    /// The pose.
+    /// Pose that the match votes for.
     pub pose: Similarity,
     /// Index of the model keygraph.
     pub model_keygraph: u32,
     /// Index of the frame keygraph.
     pub frame_keygraph: u16,
-    /// The object.
+    /// Index of the object.
     pub object: u16,
-    /// How much the vote counts, 1 to 16.
+    /// Weight of the vote, 1 to 16.
     pub weight: u8,
 }
 
-/// The pose that maps the vertices `from` of a view of an object to `to`, both in
-/// px, by least squares. `object_size` is the square root of the picture's area.
-/// `None` for degenerate vertices.
+/// Returns the pose that maps the vertices `from` of a view to the vertices `to` of the frame best,
+/// by least squares, both in px. `object_size` is the square root of the picture's area, px. `None`
+/// for degenerate vertices.
 #[must_use]
 pub fn similarity(view: &View, object_size: f32, from: [[f32; 2]; 3], to: [[f32; 2]; 3]) -> Option<Similarity> {
     let mean = |p: &[[f32; 2]; 3], i: usize| (p[0][i] + p[1][i] + p[2][i]) / 3.0;
     let (fx, fy, tx, ty) = (mean(&from, 0), mean(&from, 1), mean(&to, 0), mean(&to, 1));
-    // z = sum(conj(from) * to) / sum(|from|^2), as complex numbers
+    // The similarity is z = sum(conj(from) * to) / sum(|from|^2), as complex numbers.
     let (mut re, mut im, mut norm) = (0.0, 0.0, 0.0);
     for (f, t) in from.iter().zip(&to) {
         let (ax, ay, bx, by) = (f[0] - fx, f[1] - fy, t[0] - tx, t[1] - ty);
@@ -94,8 +94,8 @@ pub fn similarity(view: &View, object_size: f32, from: [[f32; 2]; 3], to: [[f32;
     })
 }
 
-/// Makes the vote of one match, which counts `weight`: `from` are its vertices in
-/// `view` of `object`, px; `to` those of the frame keygraph in level 0, px.
+/// Makes the vote of a match. `from` are the match's vertices in `view` of `object`, px. `to` are
+/// the vertices of the frame keygraph in level 0, px. `None` for degenerate vertices.
 #[must_use]
 pub fn cast(
     object: &Object<'_>,
@@ -111,11 +111,12 @@ pub fn cast(
     Some(Vote { pose, model_keygraph: m.keygraph, frame_keygraph, object: view.object, weight })
 }
 
-/// The votes of a frame: first the supporters, which agree with what has been found, then the
-/// open votes, which may still find something.
+/// The votes of a frame: first the supporters, which agree with a detection, then the open votes,
+/// which may still lead to a detection.
 ///
-/// Invariant: the first `supporters` of `list` are the supporters; there are at most as many
-/// as votes. The owner holds `Votes<Vec<Vote, N>>`, functions take `Votes<VecView<Vote>>`.
+/// Invariant: the first `supporters` votes of `list` are the supporters, and `supporters` is at
+/// most the length of `list`. The owner holds `Votes<Vec<Vote, N>>`, and functions take
+/// `Votes<VecView<Vote>>`.
 #[derive(Debug)]
 pub struct Votes<L: ?Sized> {
     supporters: usize,
@@ -123,7 +124,7 @@ pub struct Votes<L: ?Sized> {
 }
 
 impl<const N: usize> Votes<Vec<Vote, N>> {
-    /// No votes.
+    /// Creates an empty list of votes.
     #[must_use]
     pub const fn new() -> Self {
         Self { supporters: 0, list: Vec::new() }
@@ -149,18 +150,18 @@ impl Votes<VecView<Vote>> {
         &self.list
     }
 
-    /// The votes that agree with nothing found so far.
+    /// Open votes: those that agree with no detection so far.
     #[must_use]
     pub fn open(&self) -> &[Vote] {
         &self.list[self.supporters..]
     }
 
-    /// The open votes, to be put in order.
+    /// Open votes, mutable so that they can be sorted.
     pub fn open_mut(&mut self) -> &mut [Vote] {
         &mut self.list[self.supporters..]
     }
 
-    /// Forgets all votes.
+    /// Removes all votes.
     pub fn clear(&mut self) {
         self.supporters = 0;
         self.list.clear();
@@ -169,13 +170,13 @@ impl Votes<VecView<Vote>> {
     /// Adds an open vote.
     ///
     /// # Errors
-    /// The vote, when there is no room for it.
+    /// Returns the vote when there is no room for it.
     pub fn cast(&mut self, vote: Vote) -> Result<(), Vote> {
         self.list.push(vote)
     }
 
-    /// Makes those votes supporters for which `supports` is true, and no others. Of the
-    /// rest, those for which `is_spent` is true are forgotten.
+    /// Makes every vote for which `supports` is true a supporter, and every other vote an open one.
+    /// Open votes for which `is_spent` is true are removed.
     pub fn settle(&mut self, supports: impl Fn(&Vote) -> bool, is_spent: impl Fn(&Vote) -> bool) {
         let mut supporters = 0;
         for i in 0..self.list.len() {
@@ -192,7 +193,7 @@ impl Votes<VecView<Vote>> {
         });
     }
 
-    /// Forgets the open votes.
+    /// Removes the open votes.
     pub fn drop_open(&mut self) {
         self.list.truncate(self.supporters);
     }

@@ -1,11 +1,11 @@
 //! The bytes of a model: every record with its fields, the layout of the sections, the checksum.
 //!
-//! In: numbers. Out: bytes, and back. Whoever reads or writes a model does it through the
-//! [`Field`]s of this file; no offset stands anywhere else. `docs/model-format.md` describes
-//! the format for readers in other languages, and a test holds the two together.
+//! In: numbers. Out: bytes, and numbers read from bytes. All code that reads or writes a model uses
+//! the [`Field`]s of this file; no other file holds an offset. `docs/model-format.md` describes the
+//! format for readers in other languages, and a test compares the two.
 //!
-//! Memory: 4 KB of constants for the checksum. Cost: a few operations a field; the checksum
-//! takes two operations a byte.
+//! Memory: 4 KB of constants for the checksum. Cost: a few operations for each field; the checksum
+//! takes two operations for each byte.
 
 use core::marker::PhantomData;
 use core::ops::Range;
@@ -16,35 +16,35 @@ use crate::extract::keygraph::{BIN, CELLS, Key};
 use crate::image::pyramid::plane_bytes;
 use crate::model::method::Method;
 
-/// First bytes of every model.
+/// The first four bytes of every model.
 pub const MAGIC: [u8; 4] = *b"KGM\x1a";
-/// The version that this library writes and reads.
+/// Version of the model format that this library writes and reads.
 pub const VERSION: u16 = 6;
 /// Maximum length of an object's name, bytes of UTF-8.
 pub const NAME_BYTES: usize = 32;
 /// Maximum side of a training picture, px.
 pub const MAX_PICTURE_SIDE: u32 = 1 << 20;
 
-/// Bytes of the header.
+/// Length of the header, bytes.
 pub(crate) const HEADER: usize = 44;
-/// Where the checksummed part starts.
+/// Offset of the first byte that the checksum covers.
 pub(crate) const CHECKED: usize = 16;
-/// Bytes of an object's record.
+/// Length of an object's record, bytes.
 pub(crate) const OBJECT: usize = 56;
-/// Bytes of a view's record.
+/// Length of a view's record, bytes.
 pub(crate) const VIEW: usize = 44;
-/// Bytes of a keypoint's record.
+/// Length of a keypoint's record, bytes.
 pub(crate) const KEYPOINT: usize = 4;
-/// Bytes of an entry of the index.
+/// Length of an entry of the index, bytes.
 pub(crate) const ENTRY: usize = 4;
-/// Bytes of a keygraph's key: one in each plane of [`Keys`](crate::Keys).
+/// Length of a keygraph's key, bytes: one byte in each plane of [`Keys`](crate::Keys).
 pub(crate) const KEY: usize = 5;
-/// Bytes of a keygraph's vertices: its view, and three keypoints of it.
+/// Length of a keygraph's vertices, bytes: the view, and three keypoints of this view.
 pub(crate) const VERTICES: usize = 5;
-/// Bytes of a [`sketch`](crate::stages::feature::sketch).
+/// Length of a [`sketch`](crate::stages::feature::sketch), bytes.
 pub const SKETCH: usize = 8;
 
-/// A little-endian number at a fixed place of a record.
+/// A little-endian number at a fixed offset in a record.
 pub(crate) struct Field<T> {
     at: usize,
     number: PhantomData<T>,
@@ -56,7 +56,7 @@ impl<T> Field<T> {
     }
 }
 
-/// Reads and writes one kind of number.
+/// Implements reading and writing of a field for each type of number.
 macro_rules! number {
     ($($number:ty),*) => {$(
         impl Field<$number> {
@@ -78,29 +78,29 @@ macro_rules! number {
 number!(u8, u16, i16, u32, f32);
 
 impl Field<u32> {
-    /// The number as a size.
+    /// Reads the number as a `usize`.
     #[inline(always)]
     pub(crate) fn size(&self, record: &[u8]) -> usize {
         usize::try_from(self.get(record)).unwrap_or(usize::MAX)
     }
 
-    /// Writes a size; [`Layout::new`] has checked that it fits.
+    /// Writes `size` as 32 bits. [`Layout::new`] has checked that it fits.
     #[inline(always)]
     pub(crate) fn put_size(&self, record: &mut [u8], size: usize) {
         self.put(record, u32::try_from(size).unwrap_or(u32::MAX));
     }
 }
 
-/// The header; [`HEADER`] bytes, at the start of the model.
+/// Fields of the header: [`HEADER`] bytes at the start of the model.
 pub(crate) mod header {
     use super::Field;
 
     pub(crate) const VERSION: Field<u16> = Field::at(4);
-    /// Bytes of the header.
+    /// Length of the header, bytes.
     pub(crate) const LENGTH: Field<u16> = Field::at(6);
-    /// Bytes of the model.
+    /// Length of the model, bytes.
     pub(crate) const MODEL_LENGTH: Field<u32> = Field::at(8);
-    /// CRC-32 of what follows it.
+    /// CRC-32 of the bytes from [`CHECKED`](super::CHECKED) to the end of the model.
     pub(crate) const CHECKSUM: Field<u32> = Field::at(12);
     pub(crate) const METHOD: Field<u8> = Field::at(16);
     pub(crate) const FEATURE: Field<u8> = Field::at(17);
@@ -113,41 +113,41 @@ pub(crate) mod header {
     pub(crate) const LISTED: Field<u32> = Field::at(40);
 }
 
-/// The record of an object; [`OBJECT`] bytes. Its first [`NAME_BYTES`] are the name.
+/// Fields of an object's record: [`OBJECT`] bytes. The first [`NAME_BYTES`] bytes are the name.
 pub(crate) mod object {
     use super::Field;
 
-    /// Size of the training picture, px.
+    /// Width and height of the training picture, px.
     pub(crate) const WIDTH: Field<u32> = Field::at(32);
     pub(crate) const HEIGHT: Field<u32> = Field::at(36);
-    /// Where its template starts among the templates.
+    /// Offset of the object's template in the section of templates, bytes.
     pub(crate) const TEMPLATE: Field<u32> = Field::at(40);
     pub(crate) const TEMPLATE_WIDTH: Field<u16> = Field::at(44);
     pub(crate) const TEMPLATE_HEIGHT: Field<u16> = Field::at(46);
-    /// Triples of keypoints that were possible, over all views.
+    /// Number of possible triples of keypoints, over all views.
     pub(crate) const TRIPLES: Field<u32> = Field::at(48);
-    /// Keypoints over all views.
+    /// Number of keypoints, over all views.
     pub(crate) const KEYPOINTS: Field<u32> = Field::at(52);
 }
 
-/// The record of a view; [`VIEW`] bytes.
+/// Fields of a view's record: [`VIEW`] bytes.
 pub(crate) mod view {
     use super::Field;
 
     pub(crate) const OBJECT: Field<u16> = Field::at(0);
     pub(crate) const KEYPOINTS: Field<u16> = Field::at(2);
-    /// Its first keypoint.
+    /// Index of the view's first keypoint.
     pub(crate) const FIRST: Field<u32> = Field::at(4);
-    /// View px to picture px, affine.
+    /// Affine map from view px to picture px.
     pub(crate) const TO_PICTURE: [Field<f32>; 6] =
         [Field::at(8), Field::at(12), Field::at(16), Field::at(20), Field::at(24), Field::at(28)];
-    /// Where the middle of the picture lies, view px.
+    /// Position of the picture's middle in the view, px.
     pub(crate) const CENTRE: [Field<f32>; 2] = [Field::at(32), Field::at(36)];
-    /// View px per picture px.
+    /// Scale of the view: view px per picture px.
     pub(crate) const SCALE: Field<f32> = Field::at(40);
 }
 
-/// The record of a keypoint; [`KEYPOINT`] bytes, 1/16 px of its view.
+/// Fields of a keypoint's record: [`KEYPOINT`] bytes, coordinates in 1/16 px of the view.
 pub(crate) mod keypoint {
     use super::Field;
 
@@ -155,19 +155,19 @@ pub(crate) mod keypoint {
     pub(crate) const Y: Field<i16> = Field::at(2);
 }
 
-/// The vertices of a keygraph; [`VERTICES`] bytes.
+/// Fields of a keygraph's vertices: [`VERTICES`] bytes.
 pub(crate) mod vertices {
     use super::Field;
 
     pub(crate) const VIEW: Field<u16> = Field::at(0);
-    /// Keypoints of that view, in canonical order.
+    /// Keypoints of the view, counted from its first one, in canonical order.
     pub(crate) const IDS: [Field<u8>; 3] = [Field::at(2), Field::at(3), Field::at(4)];
 }
 
-/// An entry of the index; [`ENTRY`] bytes: the first keygraph of a subset.
+/// The only field of an index entry ([`ENTRY`] bytes): the first keygraph of a subset.
 pub(crate) const START: Field<u32> = Field::at(0);
 
-/// The number of a method in the header.
+/// The number that stands for a method in the header.
 const fn number_of_method(method: Method) -> u8 {
     match method {
         Method::Keygraph => 0,
@@ -175,7 +175,7 @@ const fn number_of_method(method: Method) -> u8 {
     }
 }
 
-/// The method with a number.
+/// The method that a number in the header stands for, if any.
 pub(crate) const fn method_of(number: u8) -> Option<Method> {
     match number {
         0 => Some(Method::Keygraph),
@@ -184,7 +184,7 @@ pub(crate) const fn method_of(number: u8) -> Option<Method> {
     }
 }
 
-/// The number of a kind of feature in the header.
+/// The number that stands for a kind of feature in the header.
 const fn number_of_kind(kind: FeatureKind) -> u8 {
     match kind {
         FeatureKind::Chroma => 1,
@@ -193,7 +193,7 @@ const fn number_of_kind(kind: FeatureKind) -> u8 {
     }
 }
 
-/// The kind of feature with a number.
+/// The kind of feature that a number in the header stands for, if any.
 pub(crate) const fn kind_of(number: u8) -> Option<FeatureKind> {
     match number {
         1 => Some(FeatureKind::Chroma),
@@ -203,29 +203,29 @@ pub(crate) const fn kind_of(number: u8) -> Option<FeatureKind> {
     }
 }
 
-/// The key of a keygraph, a byte for each plane: size, bins of the angles, signature.
+/// The key of a keygraph, one byte for each plane: size, bins of the angles, signature.
 pub(crate) fn key_bytes(size: u8, key: Key, signature: u32) -> [u8; KEY] {
     let [a, b, c, _] = signature.to_le_bytes();
     [size, ((key.largest % BIN) << 4) | (key.second % BIN), a, b, c]
 }
 
-/// A part of the keygraphs with a partition of its own.
+/// A part of the model's keygraphs, with its own partition into subsets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Tier {
-    /// Copies of the keygraphs of all objects that are likeliest to be seen again, where there
-    /// is more than one object.
+    /// Copies of the keygraphs of all objects that are most likely to be seen again. Only a packed
+    /// model of more than one object has this tier.
     Shortlist,
-    /// Copies of the next of them.
+    /// Copies of the next most likely keygraphs of all objects, after those of the shortlist.
     Longlist,
-    /// The keygraphs of an object that are likeliest to be seen again.
+    /// The keygraphs of one object that are most likely to be seen again.
     First(u16),
-    /// Its others: searched where the first tier leaves doubts.
+    /// The other keygraphs of one object. They are searched when the first tier leaves doubts.
     Second(u16),
 }
 
 impl Tier {
-    /// The object whose keygraphs these are.
+    /// The object that the tier belongs to; `None` for a list of all objects.
     #[must_use]
     pub const fn object(self) -> Option<u16> {
         match self {
@@ -234,7 +234,7 @@ impl Tier {
         }
     }
 
-    /// Which list of all objects it is.
+    /// Index of the list: 0 for the shortlist, 1 for the longlist, `None` for a tier of one object.
     #[must_use]
     pub const fn list(self) -> Option<usize> {
         match self {
@@ -245,7 +245,7 @@ impl Tier {
     }
 }
 
-/// Which tiers a model has.
+/// The kinds of tiers that a model has: the two lists, and second tiers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Tiers {
     pub lists: bool,
@@ -253,12 +253,12 @@ pub(crate) struct Tiers {
 }
 
 impl Tiers {
-    /// How many tiers there are with so many objects.
+    /// Number of tiers in a model of `objects` objects.
     pub const fn count(self, objects: usize) -> usize {
         2 * self.lists as usize + objects * (1 + self.second as usize)
     }
 
-    /// The number of a tier among those that the model has.
+    /// Index of a tier in the order in which the model stores its tiers.
     pub const fn number(self, tier: Tier) -> usize {
         match tier {
             Tier::Shortlist => 0,
@@ -268,33 +268,33 @@ impl Tiers {
         }
     }
 
-    /// The bits of the header that say which tiers there are.
+    /// Bits of the header that say which kinds of tiers the model has.
     pub const fn bits(self) -> u16 {
         (self.second as u16) << 1 | (self.lists as u16) << 2
     }
 
-    /// The tiers of these bits; `None` for bits that mean nothing.
+    /// Reads the bits of the header; `None` when an unknown bit is set.
     pub const fn from_bits(bits: u16) -> Option<Self> {
         if bits & !6 == 0 { Some(Self { lists: bits & 4 == 4, second: bits & 2 == 2 }) } else { None }
     }
 }
 
-/// How much of everything a model holds.
+/// Numbers of records of each kind in a model.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Counts {
     pub objects: usize,
     pub views: usize,
     pub keypoints: usize,
-    /// Keygraphs of all tiers, those of the lists counted again.
+    /// Number of keygraphs in all tiers. A keygraph that is also on a list counts twice.
     pub keygraphs: usize,
-    /// Bytes of all templates.
+    /// Length of all templates together, bytes.
     pub templates: usize,
-    /// Keygraphs of the lists.
+    /// Number of keygraphs on the lists.
     pub listed: usize,
 }
 
 impl Counts {
-    /// The counts in a header.
+    /// Reads the counts from a header.
     pub(crate) fn get(header: &[u8]) -> Self {
         Self {
             objects: header::OBJECTS.size(header),
@@ -316,7 +316,7 @@ impl Counts {
     }
 }
 
-/// Where the sections of a model lie; all follow from the counts.
+/// Offsets of the sections of a model, bytes. The counts determine all of them.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Layout {
     pub objects: usize,
@@ -332,7 +332,7 @@ pub(crate) struct Layout {
 }
 
 impl Layout {
-    /// `None` when the sum does not fit `usize`.
+    /// Computes the offsets; `None` when the model's length does not fit 32 bits or `usize`.
     pub(crate) fn new(counts: &Counts, tiers: Tiers, feature_bytes: usize) -> Option<Self> {
         let Counts { objects, views, keypoints, keygraphs, templates, listed } = *counts;
         let after = |start: usize, n: usize, each: usize| start.checked_add(n.checked_mul(each)?);
@@ -362,8 +362,8 @@ impl Layout {
         })
     }
 
-    /// Where the parts of a keygraph start, and how many bytes of each it has: the key's
-    /// planes, vertices, feature.
+    /// Start of each part of the keygraphs, and its bytes for one keygraph. The parts are the
+    /// planes of the key, the vertices and the features.
     pub(crate) const fn parts(&self, feature_bytes: usize) -> [(usize, usize); KEY + 2] {
         let n = (self.vertices - self.keys) / KEY;
         let mut parts = [(self.vertices, VERTICES); KEY + 2];
@@ -377,8 +377,8 @@ impl Layout {
     }
 }
 
-/// Sorts the keygraphs of a subset by their keys, in place (heap sort over their
-/// parallel parts).
+/// Sorts the keygraphs of a subset by their keys, in place. It is a heap sort that swaps all
+/// parallel parts.
 pub(crate) fn sort_cell(out: &mut [u8], layout: &Layout, feature_bytes: usize, range: Range<usize>) {
     let start = range.start;
     let parts = layout.parts(feature_bytes);
@@ -416,7 +416,7 @@ pub(crate) fn sort_cell(out: &mut [u8], layout: &Layout, feature_bytes: usize, r
     }
 }
 
-/// Writes the header, and last the checksum over everything behind it.
+/// Writes the header. The checksum comes last, because it covers the fields after it.
 pub(crate) fn write_header(out: &mut [u8], method: Method, feature: FeatureKind, tiers: Tiers, counts: &Counts) {
     out[..MAGIC.len()].copy_from_slice(&MAGIC);
     header::VERSION.put(out, VERSION);
@@ -431,13 +431,13 @@ pub(crate) fn write_header(out: &mut [u8], method: Method, feature: FeatureKind,
     header::CHECKSUM.put(out, checksum);
 }
 
-/// Bytes of a template of this size, px.
+/// Length of a template of `width` x `height` px with all its levels, bytes.
 #[must_use]
 pub const fn template_bytes(width: usize, height: usize) -> usize {
     plane_bytes(width, height) + 2 * plane_bytes(width / 2, height / 2)
 }
 
-/// What a byte adds to the CRC of four bytes when 0 to 3 bytes follow it.
+/// CRC tables: what a byte adds to the CRC when 0 to 3 bytes of the same word follow it.
 const CRC_TABLES: [[u32; 256]; 4] = {
     let mut tables = [[0; 256]; 4];
     let mut i = 0;
@@ -465,7 +465,7 @@ const CRC_TABLES: [[u32; 256]; 4] = {
     tables
 };
 
-/// CRC-32 (ISO-HDLC, the one of zip and PNG), four bytes at a time.
+/// CRC-32 of `bytes` (ISO-HDLC, as in zip and PNG). It takes four bytes at a time.
 #[must_use]
 pub fn crc32(bytes: &[u8]) -> u32 {
     let (words, rest) = bytes.as_chunks();
@@ -512,7 +512,7 @@ mod tests {
         let fills = |record: usize, fields: &[(usize, usize)]| {
             let mut end = 0;
             for &(at, bytes) in fields {
-                assert_eq!(at, end, "of a record of {record} bytes");
+                assert_eq!(at, end, "a gap or an overlap in a record of {record} bytes");
                 end += bytes;
             }
             assert_eq!(end, record);

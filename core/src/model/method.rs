@@ -1,6 +1,6 @@
 //! The two methods as constants: every threshold of the pipeline in one place.
 //!
-//! In: a model's [`Method`]. Out: its [`Parameters`]. Memory and cost: none.
+//! In: a model's [`Method`]. Out: its [`Parameters`]. Memory: none. Cost: none.
 
 use crate::base::capacity::LEVELS;
 use crate::extract::corners::CornerParams;
@@ -8,19 +8,19 @@ use crate::extract::feature::Sampling;
 use crate::extract::keygraph::Scalene;
 use crate::extract::rank::Ranking;
 
-/// How the keygraphs were made, and so how frames are searched.
+/// Method by which a model's keygraphs were made and by which frames are searched.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum Method {
-    /// Several views and scales, nested levels, normalised features.
+    /// Several views and scales, nested triangulations, normalised features.
     Keygraph,
-    /// The paper as written.
+    /// The method of the paper as written.
     Paper,
 }
 
 impl Method {
-    /// The name used in reports and JSON.
+    /// Name of the method in reports and JSON.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -29,7 +29,7 @@ impl Method {
         }
     }
 
-    /// Where its features are sampled.
+    /// Points at which the features of the method are sampled.
     #[must_use]
     pub const fn sampling(self) -> Sampling {
         match self {
@@ -39,128 +39,144 @@ impl Method {
     }
 }
 
-/// What counts as a match.
+/// Rule that says when a keygraph of the frame and one of the model match.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MatchRule {
-    /// Tolerance of both angles, half-degrees, for a triangle with long sides.
-    /// Raising it finds more under tilt and reads more of the model.
+    /// Tolerance of the two largest angles, half-degrees, for a triangle with long sides. A larger
+    /// value finds more objects under tilt and reads more of the model.
     pub tolerance: u8,
-    /// A pixel of noise turns a short side: this over the shortest side in px is
-    /// added to the tolerance, half-degrees.
+    /// Additional tolerance for short sides, half-degrees times px: this value divided by the
+    /// shortest side in px is added to `tolerance`. A pixel of noise turns a short side further
+    /// than a long one.
     pub tolerance_px: u16,
-    /// Most that the size in the frame may differ from the size in the view,
-    /// sixteenths of an octave. Corners come back at the scale at which they
-    /// were trained, so a triangle of another size is another triangle.
+    /// Maximum difference between the size in the frame and the size in the view, sixteenths of an
+    /// octave. Corners reappear at the scale at which they were trained, so a triangle of another
+    /// size is another triangle.
     pub size_window: u8,
-    /// Most of the 24 bits of the signature that may differ.
+    /// Maximum number of bits that may differ between two signatures, of 24.
     pub max_bits: u8,
-    /// Most of the 64 bits of the sketch that may differ, where there are sketches.
+    /// Maximum number of bits that may differ between two sketches, of 64. Only the lists have
+    /// sketches.
     pub max_marks: u8,
-    /// Most that a feature byte may differ on average, 1/16.
+    /// Maximum mean difference of the feature bytes, in 1/16.
     pub max_distance: u16,
-    /// Whether only the subset that the key falls into is searched, and the
-    /// nearest alone is kept: the paper.
+    /// Whether to search only the subset that the key falls into and to keep only the nearest
+    /// match, as in the paper.
     pub one_cell: bool,
 }
 
-/// How votes are binned.
+/// Rule for counting votes in bins.
 #[derive(Clone, Copy, Debug)]
 pub struct VoteRule {
-    /// Whether a vote near a bin border goes to both bins.
+    /// Whether a vote near a bin border counts in the bins on both sides.
     pub soft: bool,
-    /// Least weight of a candidate.
+    /// Minimum weight of a candidate.
     pub min_weight: u32,
 }
 
-/// What has to speak for a detection for it to be believed. While more of the frame or of the
-/// model could still be searched it must leave no doubt, since nothing better is searched for
-/// in its place.
+/// Minimum evidence for a detection to be accepted. While parts of the frame or of the model are
+/// still unsearched, the evidence must leave no doubt: nothing better is searched for in the
+/// detection's place.
+///
+/// A detection is accepted when its candidate has at least `weight`, it scores at least `score`,
+/// and either its candidate has at least `heavy` or its blocks have at least `support`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bar {
     /// Minimum weight of a candidate that may become a detection.
     pub weight: u32,
     /// Minimum score of a detection.
     pub score: f32,
-    /// Besides, its candidate has at least this weight,
+    /// Minimum weight of a candidate that needs no `support`.
     pub heavy: u32,
-    /// or so many blocks of it agree: [`Appearance::support`](crate::stages::align::Appearance::support).
+    /// Minimum agreement of blocks for a candidate that weighs less than `heavy`:
+    /// [`Appearance::support`](crate::Appearance::support).
     pub support: f32,
 }
 
 impl Bar {
-    /// All is believed.
+    /// The bar that accepts every detection.
     pub const NONE: Self = Self { weight: 0, score: 0.0, heavy: 0, support: 0.0 };
 }
 
-/// How a model of more than one object is searched: for all of them at once, by two lists.
+/// Rules for a search for all objects at once, by the two lists of a packed model.
 #[derive(Clone, Copy, Debug)]
 pub struct Lists {
-    /// What the lists hold.
+    /// Contents and limits of the two lists, the shortlist first.
     pub shares: [Share; 2],
-    /// Up to so many objects are all looked for to the end.
+    /// Maximum number of objects for which every step of the search is taken.
     pub few: usize,
-    /// More than these are searched with less tolerance still.
+    /// Number of objects above which matching is stricter still: it selects the second value of
+    /// [`Share::max_bits`].
     pub many: usize,
-    /// Of more, once one has been found, those that have a candidate of this weight.
+    /// Minimum weight of an open candidate for the search to go on. It applies to models of more
+    /// than `few` objects, once an object has been found.
     pub doubt: u32,
-    /// How much better the odds of a score are to be than those of the threshold, for each object
-    /// of the model. A score is the probability that a detection is right where one is looked
-    /// for; with many there is more to be wrong about.
+    /// Factor of the odds for each object of the model. The odds of the minimum score in the last
+    /// step are the odds of the caller's threshold, times this value and the number of objects. The
+    /// product of the two counts as 1 when it is smaller. A score is the probability that a
+    /// detection is right when one object is searched for. A search for many objects has more
+    /// chances to be wrong.
     pub odds: f32,
 }
 
-/// What a list holds of each object: the likeliest to be seen again that no list before has.
+/// Contents and limits of one list. It holds the keygraphs of each object that are most likely to
+/// be seen again and are not on a list before it.
 #[derive(Clone, Copy, Debug)]
 pub struct Share {
-    /// Most keygraphs of an object.
+    /// Maximum number of keygraphs of one object.
     pub of_each: usize,
-    /// Most of all objects together.
+    /// Maximum number of keygraphs of all objects together. The objects get equal shares of it.
     pub of_all: usize,
-    /// With more than [`Lists::few`] objects, and with more than [`Lists::many`], this takes the
-    /// place of [`MatchRule::max_bits`]: reading features is what takes time.
+    /// Values that replace [`MatchRule::max_bits`]: the first for models of more than
+    /// [`Lists::few`] objects, the second for more than [`Lists::many`]. Smaller values save time,
+    /// because most of it is spent on reading features.
     pub max_bits: [u8; 2],
-    /// Likewise of [`MatchRule::max_marks`], however many.
+    /// Value that replaces [`MatchRule::max_marks`] for models of more than [`Lists::few`] objects.
     pub max_marks: u8,
 }
 
-/// Everything that a method fixes about the search of a frame.
+/// All parameters that a method fixes for the search of a frame.
 #[derive(Clone, Copy, Debug)]
 pub struct Parameters {
-    /// What counts as a corner.
+    /// Rule that says what a corner is.
     pub corners: CornerParams,
-    /// How corners are ordered.
+    /// Order of the corners.
     pub ranking: Ranking,
-    /// Most corners kept on each pyramid level; 0 leaves a level out. More
-    /// corners find smaller objects and cost time in every later stage.
+    /// Maximum number of corners on each pyramid level; 0 skips a level. More corners find smaller
+    /// objects and cost time in every later stage.
     pub corner_limits: [usize; LEVELS],
-    /// Prefixes of the corners that are triangulated, ascending.
+    /// Number of best corners in each of the nested triangulations, ascending.
     pub prefixes: &'static [usize],
-    /// Which triples are keygraphs.
+    /// Rule that says which triples are keygraphs.
     pub scalene: Scalene,
-    /// Keygraphs of an object that are searched first; all, where they are less than twice
-    /// as many. More find it without the others more often.
+    /// Number of keygraphs in an object's first tier, which is searched first. An object with at
+    /// most about twice as many keygraphs has no second tier. A larger first tier finds the object
+    /// more often without the second.
     pub first_tier: usize,
-    /// What is found before all has been searched.
+    /// Minimum evidence for a detection while parts of the model or the frame are still unsearched.
     pub first_pass: Bar,
-    /// Least weight of a candidate elsewhere that may be the object, or another copy: to search
-    /// all of the model, and the finest level.
+    /// Minimum weights of an open candidate for the search to go on after something was found. The
+    /// first value applies to the second tier on the coarse levels, the second to the finest level.
+    /// An open candidate lies where nothing has been found: it may be the object, or another copy
+    /// of it.
     pub doubt: [u32; 2],
-    /// How many objects are looked for; `None` to search each by itself.
+    /// Rules for a search of all objects at once; `None` to search each object by itself.
     pub lists: Option<Lists>,
-    /// What counts as a match.
+    /// Rule that says what a match is.
     pub matching: MatchRule,
-    /// Least likeness of a match's surroundings, 0 to 2; `None` leaves them out.
+    /// Minimum likeness of a match's surroundings, 0 to 2; `None` skips this check.
     pub verify: Option<f32>,
-    /// How matches are counted.
+    /// Rule for counting votes.
     pub voting: VoteRule,
-    /// Most candidates that are looked at; below [`crate::base::capacity::CANDIDATES`].
+    /// Maximum number of candidates that are examined, at most
+    /// [`crate::base::capacity::CANDIDATES`].
     pub candidates: usize,
-    /// Whether candidates are grown and accepted by appearance, or taken as they
-    /// are: the paper.
+    /// Whether candidates are grown, aligned and accepted by appearance. If not, they become
+    /// detections as they are, as in the paper.
     pub grow: bool,
 }
 
-/// Our method.
+/// Parameters of the Keygraph method.
 const KEYGRAPH: Parameters = Parameters {
     corners: CornerParams { quality_q16: 33, floor: 6_000, margin_px: 3 },
     ranking: Ranking::Radius,
@@ -195,8 +211,8 @@ const KEYGRAPH: Parameters = Parameters {
     grow: true,
 };
 
-/// The paper as written: one scale, one triangulation, hard votes, the fullest
-/// bin with at least three votes wins.
+/// Parameters of the paper's method as written: one scale, one triangulation, hard votes. The
+/// fullest bin wins if it has at least three votes.
 const PAPER: Parameters = Parameters {
     corners: CornerParams { quality_q16: 655, floor: 1, margin_px: 1 },
     ranking: Ranking::Strength(10),
@@ -223,7 +239,7 @@ const PAPER: Parameters = Parameters {
 };
 
 impl Method {
-    /// The method's parameters.
+    /// Parameters of the method.
     #[must_use]
     pub const fn parameters(self) -> &'static Parameters {
         match self {

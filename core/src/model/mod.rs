@@ -1,8 +1,8 @@
-//! From pictures to the bytes of a model, and back to a view of them: methods and their
-//! thresholds, the file format, parsing, training and packing.
+//! Training pictures become the bytes of a model, and the bytes become a view of the model. The
+//! files hold the methods and their thresholds, the file format, parsing, training and packing.
 //!
-//! Rule: offsets of the format stand in `format` alone; whoever reads or writes a record
-//! calls it.
+//! Rule: the offsets of the format stand in `format` alone. All code that reads or writes a record
+//! uses its fields.
 
 pub mod method;
 pub mod format;

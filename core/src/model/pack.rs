@@ -1,13 +1,13 @@
-//! Writing models: what training and packing share, and packing itself.
+//! Packs several models into one.
 //!
-//! In: models, or records already at their place. Out: the bytes of one model in
-//! the caller's buffer, subsets sorted, checksum set. [`pack`] merges many models
-//! into one: lists of the likeliest keygraphs of all objects, with a sketch of each, and their
-//! tiers side by side.
+//! In: parsed models of one method and one kind of feature. Out: the bytes of one model in the
+//! caller's buffer, with sorted subsets and a checksum. The tiers of all objects stand side by
+//! side. A model of several objects also gets lists, where its method has them: copies of the
+//! keygraphs of all objects that are most likely to be seen again, with a sketch of each.
 //!
-//! Memory: 7 KB of stack for [`pack`]. Cost: a pass over the bytes, a heap sort of every
-//! subset of the lists, and four passes over the keygraphs to tell the likeliest (some 40 ms
-//! an object).
+//! Memory: 7 KB of stack for [`pack`]. Cost: one pass over the bytes, a heap sort of every subset
+//! of the lists, and four passes over the keygraphs to choose the most likely ones (about 40 ms for
+//! each object).
 
 use crate::base::capacity::id;
 use crate::extract::feature::sketch;
@@ -19,26 +19,26 @@ use crate::model::format::{
 use crate::model::parse::Model;
 use crate::model::table::is_one_of;
 
-/// Why models cannot be packed into one.
+/// The reason why models cannot be packed into one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum PackError {
-    /// There is nothing to pack.
+    /// There is no model to pack.
     Nothing,
-    /// They were trained by different methods or on different features: train
-    /// them alike.
+    /// The models were trained by different methods or on different features: train them alike.
     Different {
-        /// Index of the first model that differs from the first of all.
+        /// Index of the first model that differs from model 0.
         index: usize,
     },
-    /// More than 65,535 objects or views, or 4 GiB: split them over several files.
+    /// There are more than 65,535 objects or views, or more than 4 GiB: split them over several
+    /// files.
     TooMany,
-    /// The buffer is too short: give `needed` bytes ([`packed_len`]).
+    /// The buffer is too short: provide `needed` bytes ([`packed_len`]).
     NoRoom {
-        /// Bytes of the packed model.
+        /// Length of the packed model, bytes.
         needed: usize,
-        /// Bytes given.
+        /// Length of the buffer, bytes.
         given: usize,
     },
 }
@@ -62,14 +62,15 @@ impl core::fmt::Display for PackError {
 
 impl core::error::Error for PackError {}
 
-/// Sums of the counts of `models`, once they are known to go together.
+/// Checks that `models` can be packed together. Returns the sums of their counts, and the tiers of
+/// the packed model.
 fn merged(models: &[Model<'_>]) -> Result<(Counts, Tiers), PackError> {
     let first = models.first().ok_or(PackError::Nothing)?;
     let alike = |m: &Model<'_>| m.method() == first.method() && m.feature() == first.feature();
     if let Some(index) = models.iter().position(|m| !alike(m)) {
         return Err(PackError::Different { index });
     }
-    // The lists of the models are left out: they are made anew.
+    // The lists of the input models are not counted: packing makes new lists.
     let mut counts = Counts::default();
     for m in models {
         let Counts { objects, views, keypoints, templates, .. } = m.counts();
@@ -90,10 +91,10 @@ fn merged(models: &[Model<'_>]) -> Result<(Counts, Tiers), PackError> {
     if counts.objects > limit || counts.views > limit { Err(PackError::TooMany) } else { Ok((counts, tiers)) }
 }
 
-/// Bytes of the model that [`pack`] makes of `models`.
+/// Length of the model that [`pack`] makes of `models`, bytes.
 ///
 /// # Errors
-/// [`PackError`] when they do not go together.
+/// [`PackError`] when the models cannot be packed into one.
 pub fn packed_len(models: &[Model<'_>]) -> Result<usize, PackError> {
     layout(models).map(|(.., l)| l.end)
 }
@@ -104,8 +105,8 @@ fn layout(models: &[Model<'_>]) -> Result<(Counts, Tiers, Layout), PackError> {
     Layout::new(&counts, tiers, bytes).map(|l| (counts, tiers, l)).ok_or(PackError::TooMany)
 }
 
-/// All objects: the model of each, its number there, and how many views come before that
-/// model's.
+/// Iterates over the objects of all models. An item is the model, the index of the object in that
+/// model, and the number of views in the models before it.
 fn each_object<'a, 'b>(models: &'b [Model<'a>]) -> impl Iterator<Item = (&'b Model<'a>, u16, usize)> {
     let mut views = 0;
     models.iter().flat_map(move |m| {
@@ -115,13 +116,15 @@ fn each_object<'a, 'b>(models: &'b [Model<'a>]) -> impl Iterator<Item = (&'b Mod
     })
 }
 
-/// All keygraphs of an object: the subset of each, and its index.
+/// Iterates over the keygraphs of an object, without the lists. An item is a subset and the index
+/// of a keygraph in it.
 fn own_keygraphs<'a>(m: &'a Model<'_>, object: u16) -> impl Iterator<Item = (usize, usize)> + 'a {
     let tiers = [Tier::First(object), Tier::Second(object)].into_iter().take(1 + usize::from(m.has_second_tiers()));
     tiers.flat_map(move |tier| (0..CELLS).flat_map(move |cell| m.cell(tier, cell).map(move |i| (cell, i))))
 }
 
-/// How many keygraphs of an object each list of so many objects takes.
+/// Number of keygraphs of an object in each of the two lists, for a packed model of `objects`
+/// objects.
 fn shares(m: &Model<'_>, object: u16, objects: usize) -> [usize; 2] {
     let mut left = own_keygraphs(m, object).count();
     let shares = m.method().parameters().lists.map(|lists| lists.shares);
@@ -134,12 +137,14 @@ fn shares(m: &Model<'_>, object: u16, objects: usize) -> [usize; 2] {
     })
 }
 
-/// Chooses the keygraphs of an object for the lists: the cheapest for the first, the next
-/// for the second, evenly spread ones of a cost of which only some are taken.
+/// Chooses the keygraphs of an object for the two lists. The cheapest keygraphs go to the first
+/// list, the next cheapest to the second. A list may take only a part of the keygraphs of one cost:
+/// these are spread evenly over the order of the keygraphs.
 struct Choice {
-    /// Of each cost: how many there are, how many of them each list takes.
+    /// For each cost: the number of keygraphs, and the number that each list takes.
     counts: [(usize, [usize; 2]); COSTS],
-    /// How many of each cost have come by, and of these that are on a list.
+    /// For each cost: the number of keygraphs passed to `list` so far, and how many of these were
+    /// chosen for a list.
     seen: [[usize; 2]; COSTS],
 }
 
@@ -161,7 +166,8 @@ impl Choice {
         Self { counts, seen: [[0; 2]; COSTS] }
     }
 
-    /// The list that takes a keygraph. All have to come by, each time in the same order.
+    /// Returns the list that takes keygraph `i`, if any. The caller passes every keygraph of the
+    /// object once, in the order in which [`Choice::new`] counted them.
     fn list(&mut self, m: &Model<'_>, i: usize) -> Option<usize> {
         let class = class(m, i);
         let (n, [first, second]) = self.counts[class];
@@ -174,12 +180,12 @@ impl Choice {
     }
 }
 
-/// What a keygraph costs, or the most that counts.
+/// The cost of a keygraph, at most [`MAX_COST`].
 fn class(m: &Model<'_>, keygraph: usize) -> usize {
     m.cost(keygraph).min(MAX_COST) as usize
 }
 
-/// The index and the keygraphs of the lists.
+/// Writes the index entries and the keygraphs of the two lists, and their sketches.
 fn write_lists(models: &[Model<'_>], objects: usize, out: &mut [u8], layout: &Layout, copied: &mut Copied) {
     let mut places = [[0; CELLS]; 2];
     for (m, object, _) in each_object(models) {
@@ -218,17 +224,17 @@ fn write_lists(models: &[Model<'_>], objects: usize, out: &mut [u8], layout: &La
     }
 }
 
-/// Merges `models` into one at the start of `out` and says how long it is.
-/// Objects keep their order.
+/// Merges `models` into one model at the start of `out`. Returns its length, bytes. Objects keep
+/// their order.
 ///
 /// # Errors
-/// [`PackError`], with what to do about it.
+/// [`PackError`] when the models cannot be packed into one, or when `out` is too short.
 pub fn pack(models: &[Model<'_>], out: &mut [u8]) -> Result<usize, PackError> {
     let (counts, tiers, layout) = layout(models)?;
     let (Some(first), given) = (models.first(), out.len()) else { return Err(PackError::Nothing) };
     let out = out.get_mut(..layout.end).ok_or(PackError::NoRoom { needed: layout.end, given })?;
 
-    // What came before this model: objects, views, keypoints, template bytes.
+    // Totals of the models copied so far: objects, views, keypoints, template bytes.
     let (mut objects, mut views, mut keypoints, mut templates) = (0, 0, 0, 0);
     for m in models {
         let (from, l) = (m.bytes(), m.layout());
@@ -275,14 +281,15 @@ pub fn pack(models: &[Model<'_>], out: &mut [u8]) -> Result<usize, PackError> {
     Ok(out.len())
 }
 
-/// How much of the keygraphs and of their index [`pack`] has written.
+/// Number of keygraphs and of index entries that [`pack`] has written so far.
 struct Copied {
     keygraphs: usize,
     subsets: usize,
 }
 
 impl Copied {
-    /// Appends keygraphs of `m`, whose views are counted from `views` on.
+    /// Appends the keygraphs `range` of `m`. `views` is the number of views in the models before
+    /// `m`.
     fn keygraphs(
         &mut self,
         m: &Model<'_>,
@@ -304,13 +311,13 @@ impl Copied {
         }
     }
 
-    /// Appends a subset to the index: the keygraphs from `start` on.
+    /// Appends an index entry for a subset that starts at keygraph `start`.
     fn subset(&mut self, start: usize, out: &mut [u8], layout: &Layout) {
         START.put_size(&mut out[layout.index + ENTRY * self.subsets..], start);
         self.subsets += 1;
     }
 
-    /// Ends the index with the number of keygraphs.
+    /// Appends the last index entry: the number of keygraphs.
     fn end_index(&mut self, out: &mut [u8], layout: &Layout) {
         self.subset(self.keygraphs, out, layout);
     }

@@ -1,11 +1,11 @@
-//! The model: what training leaves, read in place from bytes.
+//! Parses a model: a view of the bytes that training leaves, read in place.
 //!
-//! In: bytes at any alignment (flash, `include_bytes!`, a mapped file). Out: a
-//! view that borrows them; nothing is copied. `docs/model-format.md` describes
-//! the format byte by byte. [`Model::parse`] checks magic, version, length,
-//! checksum and every index once, so that the stages can trust the view.
+//! In: bytes at any alignment (flash, `include_bytes!`, a mapped file). Out: a view that borrows
+//! them; nothing is copied. `docs/model-format.md` describes the format byte by byte.
+//! [`Model::parse`] checks magic, version, length, checksum and every index once, so that the
+//! stages can trust the view.
 //!
-//! Memory: none beyond the bytes. Cost: one pass over them when parsed.
+//! Memory: none beyond the bytes. Cost: one pass over the bytes to parse them.
 
 use crate::base::capacity::TEMPLATE_SIDE;
 use crate::base::geometry::{Homography, Point};
@@ -19,48 +19,48 @@ use crate::model::format::{
 };
 use crate::model::method::Method;
 
-/// Why bytes are not a model.
+/// The reason why bytes are not a valid model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum ModelError {
     /// The bytes do not start as a model does: pass a `.kgm` file.
     NotAModel,
-    /// Written by a newer version: update this program, or train again.
+    /// A newer version wrote the model: update this program, or train again.
     NewerVersion {
-        /// The version found.
+        /// Format version of the model.
         found: u16,
     },
-    /// Written by an older version: train again.
+    /// An older version wrote the model: train again.
     OlderVersion {
-        /// The version found.
+        /// Format version of the model.
         found: u16,
     },
     /// The bytes end before the model does: copy the file again.
     Truncated {
-        /// Bytes that the model has.
+        /// Length of the model, bytes.
         expected: usize,
-        /// Bytes that were given.
+        /// Number of bytes given.
         given: usize,
     },
-    /// There are bytes behind the model: pass exactly the model.
+    /// There are bytes after the end of the model: pass exactly the model.
     TrailingBytes {
-        /// Bytes that the model has.
+        /// Length of the model, bytes.
         expected: usize,
-        /// Bytes that were given.
+        /// Number of bytes given.
         given: usize,
     },
     /// The checksum does not match: the file is damaged, copy it again.
     Checksum {
-        /// CRC-32 in the header.
+        /// CRC-32 that the header states.
         expected: u32,
-        /// CRC-32 of the bytes.
+        /// CRC-32 computed from the bytes.
         computed: u32,
     },
-    /// The checksum matches but the content contradicts itself: whatever wrote
-    /// the model is at fault; train again.
+    /// The checksum matches but the content contradicts itself. The program that wrote the model is
+    /// at fault: train again.
     Inconsistent {
-        /// The section that is wrong.
+        /// Name of the section that is wrong.
         section: &'static str,
     },
 }
@@ -95,22 +95,22 @@ impl core::fmt::Display for ModelError {
 
 impl core::error::Error for ModelError {}
 
-/// One object of a model.
+/// An object of a model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub struct Object<'a> {
-    /// Its name.
+    /// Name of the object.
     pub name: &'a str,
     /// Width of the training picture, px.
     pub width: u32,
     /// Height of the training picture, px.
     pub height: u32,
-    /// Triples of keypoints that were possible, over all views.
+    /// Number of possible triples of keypoints, over all views.
     pub triples: u32,
-    /// Its keypoints, over all views.
+    /// Number of keypoints, over all views.
     pub keypoints: u32,
-    /// What it looks like.
+    /// Small picture of the object.
     pub template: Template<'a>,
 }
 
@@ -128,8 +128,9 @@ pub struct Template<'a> {
 }
 
 impl<'a> Template<'a> {
-    /// A template of this size in `bytes`: all levels of luma, then of each chroma
-    /// plane. `None` when there are not [`template_bytes`] of them.
+    /// Creates a template of `width` x `height` px from `bytes`: all levels of luma, then all
+    /// levels of each chroma plane. `None` when the length of `bytes` is not that of
+    /// [`template_bytes`].
     #[must_use]
     pub fn new(bytes: &'a [u8], width: usize, height: usize) -> Option<Self> {
         let (luma, chroma) = bytes.split_at_checked(plane_bytes(width, height))?;
@@ -137,7 +138,7 @@ impl<'a> Template<'a> {
         (bytes.len() == template_bytes(width, height)).then_some(Self { width, height, luma, chroma: [a, b] })
     }
 
-    /// Px of a picture of this size to px of level 0.
+    /// Map from px of a picture of `width` x `height` px to px of level 0 of the template.
     #[must_use]
     #[allow(clippy::wrong_self_convention, reason = "a map, not a constructor")]
     pub fn from_picture(&self, width: f32, height: f32) -> Homography {
@@ -145,14 +146,14 @@ impl<'a> Template<'a> {
         Homography::scaling([sx, sy])
     }
 
-    /// Px of level 0 to px of a picture of this size.
+    /// Map from px of level 0 of the template to px of a picture of `width` x `height` px.
     #[must_use]
     pub fn to_picture(&self, width: f32, height: f32) -> Homography {
         let (sx, sy) = (width / self.width as f32, height / self.height as f32);
         Homography::scaling([sx, sy])
     }
 
-    /// Luma of level `level`.
+    /// Luma of a pyramid level of the template.
     ///
     /// # Panics
     /// When there is no such level.
@@ -161,8 +162,7 @@ impl<'a> Template<'a> {
         level_of(self.luma, self.width, self.height, level)
     }
 
-    /// Both chroma planes of level `level`, half the size of its luma; the bytes
-    /// are those of `i8`.
+    /// Both chroma planes of a pyramid level, half the size of its luma. Each byte holds an `i8`.
     ///
     /// # Panics
     /// When there is no such level.
@@ -172,39 +172,39 @@ impl<'a> Template<'a> {
     }
 }
 
-/// One rendered view of an object that keypoints were taken from.
+/// A rendered view of an object, from which keypoints were taken.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub struct View {
-    /// The object that it shows.
+    /// Index of the object that the view shows.
     pub object: u16,
-    /// How many keypoints it has.
+    /// Number of keypoints in the view.
     pub keypoints: u16,
-    /// Its first keypoint.
+    /// Index of the view's first keypoint in the model.
     pub first: u32,
-    /// View px to picture px, affine.
+    /// Affine map from view px to picture px.
     pub to_picture: Homography,
-    /// Where the middle of the picture lies, view px.
+    /// Position of the picture's middle in the view, px.
     pub centre: [f32; 2],
-    /// View px per picture px (the square root of the area ratio).
+    /// Scale of the view: view px per picture px (square root of the area ratio).
     pub scale: f32,
 }
 
-/// The keys of keygraphs, byte by byte, so that many are compared at once. Within a
-/// subset they ascend, by size first.
+/// Keys of the keygraphs, as one array for each byte of a key, so that many keys are compared at
+/// once. Keys ascend within a subset, by size first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Keys<'a> {
-    /// Longest side, `16 log2(view px)`.
+    /// Longest side of each keygraph, `16 log2(view px)`.
     pub sizes: &'a [u8],
-    /// Half-degrees by which the largest angle (high four bits) and the second-largest
-    /// (low four) exceed the least of the subset, 0 to 9.
+    /// Angles of each keygraph, half-degrees above the minimum of its subset, 0 to 9. The high four
+    /// bits hold the largest angle, the low four the second-largest.
     pub angles: &'a [u8],
-    /// The signature, its lowest byte first.
+    /// Signature of each keygraph, the lowest byte first.
     pub signatures: [&'a [u8]; 3],
 }
 
-/// A parsed model: a view that exists is valid.
+/// A parsed model. Every model that exists is valid.
 #[derive(Clone, Copy, Debug)]
 pub struct Model<'a> {
     bytes: &'a [u8],
@@ -216,10 +216,10 @@ pub struct Model<'a> {
 }
 
 impl<'a> Model<'a> {
-    /// Checks `bytes`, which must be exactly one model, and borrows them.
+    /// Checks that `bytes` are exactly one model, and borrows them.
     ///
     /// # Errors
-    /// [`ModelError`], a variant for each thing that can be wrong.
+    /// [`ModelError`], which says what is wrong and what to do about it.
     pub fn parse(bytes: &'a [u8]) -> Result<Self, ModelError> {
         let given = bytes.len();
         if given < 4 || bytes[..4] != MAGIC {
@@ -257,7 +257,7 @@ impl<'a> Model<'a> {
         model.check().map_or(Ok(model), |section| Err(wrong(section)))
     }
 
-    /// The first section that contradicts the others.
+    /// Returns the name of the first section that contradicts the others, if any.
     fn check(&self) -> Option<&'static str> {
         let Counts { objects, views, keypoints, keygraphs, templates, listed } = self.counts;
         let limit = usize::from(u16::MAX);
@@ -305,7 +305,7 @@ impl<'a> Model<'a> {
         for i in 0..keygraphs {
             let r = self.vertex_record(i);
             let view = usize::from(vertices::VIEW.get(r));
-            // The rest of a view would take longer to read than all else here.
+            // Only the number of keypoints is read: reading whole views would dominate this check.
             let keypoints = |view| view::KEYPOINTS.get(self.view_record(view));
             let ids = vertices::IDS.map(|id| id.get(r));
             if view >= views || ids.iter().any(|&id| u16::from(id) >= keypoints(view)) {
@@ -347,43 +347,43 @@ impl<'a> Model<'a> {
         self.bytes
     }
 
-    /// How frames are searched for it.
+    /// Method by which frames are searched for the model.
     #[must_use]
     pub const fn method(&self) -> Method {
         self.method
     }
 
-    /// What its features are made of.
+    /// Channels that the model's features are made of.
     #[must_use]
     pub const fn feature(&self) -> FeatureKind {
         self.feature
     }
 
-    /// Bytes of a feature.
+    /// Length of a feature, bytes.
     #[must_use]
     pub const fn feature_bytes(&self) -> usize {
         self.method.sampling().bytes(self.feature)
     }
 
-    /// How many objects it holds.
+    /// Number of objects in the model.
     #[must_use]
     pub const fn objects(&self) -> usize {
         self.counts.objects
     }
 
-    /// How many views it holds.
+    /// Number of views in the model.
     #[must_use]
     pub const fn views(&self) -> usize {
         self.counts.views
     }
 
-    /// How many keypoints it holds, over all objects and views.
+    /// Number of keypoints in the model, over all objects and views.
     #[must_use]
     pub const fn keypoints(&self) -> usize {
         self.counts.keypoints
     }
 
-    /// How many keygraphs it holds, those of the lists counted again.
+    /// Number of keygraphs in the model. A keygraph that is also on a list counts twice.
     #[must_use]
     pub const fn keygraphs(&self) -> usize {
         self.counts.keygraphs
@@ -397,7 +397,7 @@ impl<'a> Model<'a> {
         self.layout
     }
 
-    /// Object `i`.
+    /// Returns object `i`.
     ///
     /// # Panics
     /// When there is no such object.
@@ -418,7 +418,7 @@ impl<'a> Model<'a> {
         }
     }
 
-    /// View `i`.
+    /// Returns view `i`.
     ///
     /// # Panics
     /// When there is no such view.
@@ -435,7 +435,7 @@ impl<'a> Model<'a> {
         }
     }
 
-    /// Keypoint `i`, in its view.
+    /// Returns keypoint `i`, in 1/16 px of its view.
     ///
     /// # Panics
     /// When there is no such keypoint.
@@ -445,7 +445,8 @@ impl<'a> Model<'a> {
         Point::new(keypoint::X.get(r), keypoint::Y.get(r))
     }
 
-    /// The view of keygraph `i`, and its vertices in canonical order, in view px.
+    /// Returns the index of the view of keygraph `i`, and the keygraph's vertices in canonical
+    /// order, in 1/16 px of this view.
     ///
     /// # Panics
     /// When there is no such keygraph.
@@ -457,7 +458,8 @@ impl<'a> Model<'a> {
         (view, vertices::IDS.map(|id| self.keypoint(first + usize::from(id.get(r)))))
     }
 
-    /// How unlikely a frame's triangulation is to contain keygraph `i`: [`crate::extract::keygraph::cost`].
+    /// Cost of keygraph `i`: how unlikely a frame's triangulation is to contain it
+    /// ([`crate::extract::keygraph::cost`]).
     pub(crate) fn cost(&self, i: usize) -> u32 {
         let r = self.vertex_record(i);
         let view = self.view_record(usize::from(vertices::VIEW.get(r)));
@@ -474,17 +476,17 @@ impl<'a> Model<'a> {
         START.size(self.record(self.layout.index, ENTRY, i))
     }
 
-    /// The keygraphs of subset `cell` of a tier as a range of indices.
+    /// Returns the keygraphs of subset `cell` of a tier, as a range of indices.
     ///
     /// # Panics
-    /// When `cell` is not below [`CELLS`], or there is no such tier.
+    /// When `cell` is not below [`CELLS`], or when there is no such tier.
     #[must_use]
     pub fn cell(&self, tier: Tier, cell: usize) -> core::ops::Range<usize> {
         let i = CELLS * self.tiers.number(tier) + cell;
         self.index_entry(i)..self.index_entry(i + 1)
     }
 
-    /// The keygraphs of a tier as a range of indices.
+    /// Returns the keygraphs of a tier, as a range of indices.
     ///
     /// # Panics
     /// When there is no such tier.
@@ -494,38 +496,39 @@ impl<'a> Model<'a> {
         self.index_entry(i)..self.index_entry(i + CELLS)
     }
 
-    /// Whether there are [`Tier::Shortlist`] and [`Tier::Longlist`].
+    /// Whether the model has [`Tier::Shortlist`] and [`Tier::Longlist`].
     #[must_use]
     pub const fn has_lists(&self) -> bool {
         self.tiers.lists
     }
 
-    /// Whether there is [`Tier::Second`].
+    /// Whether the model's objects have [`Tier::Second`].
     #[must_use]
     pub const fn has_second_tiers(&self) -> bool {
         self.tiers.second
     }
 
-    /// The keys of all keygraphs.
+    /// Keys of all keygraphs.
     #[must_use]
     pub fn keys(&self) -> Keys<'a> {
         let plane = |i: usize| &self.bytes[self.layout.keys + self.keygraphs() * i..][..self.keygraphs()];
         Keys { sizes: plane(0), angles: plane(1), signatures: [2, 3, 4].map(plane) }
     }
 
-    /// Features, [`Model::feature_bytes`] each.
+    /// Features of all keygraphs, [`Model::feature_bytes`] bytes each.
     #[must_use]
     pub fn features(&self) -> &'a [u8] {
         &self.bytes[self.layout.features..self.layout.sketches]
     }
 
-    /// The [`crate::extract::feature::sketch`]es of the keygraphs of the lists, little endian.
+    /// [`Sketches`](crate::extract::feature::sketch) of the keygraphs on the lists, little endian.
     #[must_use]
     pub fn sketches(&self) -> &'a [[u8; SKETCH]] {
         self.bytes[self.layout.sketches..self.layout.templates].as_chunks().0
     }
 
-    /// Subsets that hold at least one keygraph of any tier, and the size of the largest.
+    /// Number of subsets that hold at least one keygraph, and the size of the largest subset. The
+    /// tiers of all objects count together; the lists do not count.
     #[must_use]
     pub fn occupancy(&self) -> (usize, usize) {
         let entry = |tier, cell| self.index_entry(CELLS * tier + cell);

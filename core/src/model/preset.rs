@@ -1,28 +1,28 @@
 //! Presets of training: how much a model holds.
 //!
-//! In: a preset, the name of an object, and whether to do without colour. Out: the parameters
-//! of training, and the maximum size of the model. Host, boards and bindings train alike by
-//! them. Memory and cost: none; those of training follow from the views.
+//! In: a preset, the name of an object, and whether to leave out colour. Out: the training
+//! parameters, and the maximum size of the model. Host, boards and bindings all train by these
+//! presets. Memory: none. Cost: none. The memory and cost of training follow from the views.
 
 use crate::extract::feature::FeatureKind;
 use crate::model::method::Method;
 use crate::model::train::TrainParams;
 use crate::model::views::ViewSpec;
 
-/// How much a model holds.
+/// A training preset: the method, the views, and the maximum size of the model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum Preset {
-    /// Up to 2 MB: all that helps; more finds no more.
+    /// Up to 2 MB. The largest size that improves detection: a larger model finds no more.
     Large,
     /// Up to 1.5 MB: fits the flash of the larger boards.
     Standard,
     /// Up to 512 KB: fits most boards.
     Compact,
-    /// Up to 64 KB, of a picture of at most 240 x 180 px: what a board learns by itself.
+    /// Up to 64 KB, from a picture of at most 240 x 180 px: the preset for training on a board.
     Learnt,
-    /// The paper as written, of whatever size.
+    /// The method of the paper as written, up to 8 MiB.
     Paper,
 }
 
@@ -77,7 +77,7 @@ impl Preset {
     /// Every preset, the largest model first.
     pub const ALL: [Self; 5] = [Self::Large, Self::Standard, Self::Compact, Self::Learnt, Self::Paper];
 
-    /// The name used on the command line.
+    /// Name of the preset on the command line.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -89,7 +89,7 @@ impl Preset {
         }
     }
 
-    /// Maximum size of a model, bytes.
+    /// Maximum size of a model of this preset, bytes.
     #[must_use]
     pub const fn bytes(self) -> usize {
         match self {
@@ -101,7 +101,7 @@ impl Preset {
         }
     }
 
-    /// The parameters of training for an object of this name. `luma_only` leaves colour out, for
+    /// Training parameters for an object with this name. `luma_only` leaves out colour, for
     /// pictures and cameras without it.
     #[must_use]
     pub const fn params(self, name: &str, luma_only: bool) -> TrainParams<'_> {

@@ -1,47 +1,51 @@
-//! Which keygraphs of a picture a model keeps, and where each is put.
+//! Chooses the keygraphs of a picture that a model keeps, and the place of each.
 //!
 //! In: the subset and the cost of each keygraph, twice in the same order. Out: its place in the
-//! model, if it is kept. A cap on each subset of the partition and one in total drop the dear
-//! keygraphs; those of the cost that is kept in part are taken evenly spread.
+//! model, if it is kept. A maximum for each subset of the partition and a maximum for the model
+//! drop the most expensive keygraphs. Of the cost that is kept in part, evenly spread keygraphs are
+//! kept.
 //!
-//! Nothing but counts is held in between: the keygraphs are walked twice, first to count them,
-//! then to put each in its place.
+//! The keygraphs are enumerated twice, and only counts are held in between. The first pass counts
+//! them, the second assigns the places.
 //!
-//! Memory: 45 KB. Cost: a few operations a keygraph.
+//! Memory: 45 KB. Cost: a few operations for each keygraph. Full: a keygraph without a place is not
+//! kept.
 
 use crate::extract::keygraph::{CELLS, COSTS};
 use crate::model::format::{ENTRY, START};
 
-/// Whether thing `i` of `of` is one of the `n` evenly spread ones.
+/// Whether item `i` is chosen when `n` of `of` items are chosen, evenly spread.
 pub(crate) const fn is_one_of(n: usize, of: usize, i: usize) -> bool {
     of > 0 && (i as u64 + 1) * n as u64 / of as u64 != i as u64 * n as u64 / of as u64
 }
 
-/// How many keygraphs of each cost a subset has, and how many are kept.
+/// Number of keygraphs of each cost in each subset, and the places of the kept ones.
 #[derive(Debug)]
 pub(crate) struct Table {
     counts: [[u16; COSTS]; CELLS],
-    /// Where each subset of the first tier, then each of the second, starts in the model.
+    /// Start of each subset in the model: the subsets of the first tier, then those of the second.
     starts: [u32; 2 * CELLS + 1],
-    /// How many of each have been placed.
+    /// Number of keygraphs placed so far in each subset of each tier.
     placed: [u32; 2 * CELLS],
-    /// How many of the cost that is kept in part have come by, and of those that are kept
-    /// of the cost that is in part of the first tier.
+    /// Two counters for each subset. The first counts the keygraphs seen so far of the cost that is
+    /// kept in part. The second counts the kept keygraphs so far of the cost that the first tier
+    /// takes in part.
     partial: [[u16; 2]; CELLS],
 }
 
-/// What a number of places holds: all costs below one, and some of that one.
+/// The costs that fill a number of places: all costs less than `below`, and part of the cost
+/// `below`.
 #[derive(Debug)]
 struct Cut {
     below: usize,
-    /// Places left for the cost `below`.
+    /// Number of places left for the cost `below`.
     left: usize,
-    /// How many there are of it.
+    /// Number of keygraphs with the cost `below` that the maximum for each subset admits.
     next: usize,
 }
 
-/// Whether the next of `of` things is one of the `n` evenly spread ones. Only where some
-/// but not all are, they are counted.
+/// Whether the next item is chosen when `n` of `of` items are chosen, evenly spread. `seen` counts
+/// the items, but only when some and not all are chosen.
 fn is_next_of(n: usize, of: usize, seen: &mut u16) -> bool {
     if n == 0 || n == of {
         return n > 0;
@@ -76,12 +80,12 @@ impl Table {
         self.counts.iter().flatten().map(|&n| u32::from(n)).sum()
     }
 
-    /// How many of `cell` cost less than `below`, at most `cap`.
+    /// Number of keygraphs in `cell` that cost less than `below`, at most `cap`.
     fn cheaper(&self, cell: usize, below: usize, cap: usize) -> usize {
         self.counts[cell][..below].iter().map(|&n| usize::from(n)).sum::<usize>().min(cap)
     }
 
-    /// Which costs fill `total` places with no more than `cap` in a subset.
+    /// Finds the costs that fill `total` places with at most `cap` keygraphs in a subset.
     fn cut(&self, total: usize, cap: usize) -> Cut {
         let all = |below| (0..CELLS).map(|c| self.cheaper(c, below, cap)).sum::<usize>();
         let mut below = 0;
@@ -93,17 +97,17 @@ impl Table {
         Cut { below, left: total - taken, next }
     }
 
-    /// How many of a subset a cut keeps: of the cost that it keeps in part every subset
-    /// gets the same fraction.
+    /// Number of keygraphs in a subset that a cut keeps. Of the cost that the cut keeps in part,
+    /// every subset keeps the same fraction.
     fn kept(&self, cell: usize, cut: &Cut, cap: usize) -> usize {
         let sure = self.cheaper(cell, cut.below, cap);
         let more = if cut.below < COSTS { self.cheaper(cell, cut.below + 1, cap) - sure } else { 0 };
         sure + (more * cut.left).checked_div(cut.next).unwrap_or(0)
     }
 
-    /// Shares `total` places among the subsets, cheap keygraphs first and no more
-    /// than `cap` in a subset, and says how many are taken. The cheapest, some `first`,
-    /// are the first tier.
+    /// Distributes `total` places among the subsets, cheap keygraphs first, at most `cap` in a
+    /// subset. Returns the number of places taken. The cheapest keygraphs, about `first` of them,
+    /// form the first tier.
     pub(crate) fn allot(&mut self, total: usize, cap: usize, first: usize) -> usize {
         let cut = self.cut(total, cap);
         let kept = (0..CELLS).map(|c| self.kept(c, &cut, cap)).sum::<usize>();
@@ -120,14 +124,15 @@ impl Table {
         kept
     }
 
-    /// Where a subset lies: of the first tier, or [`CELLS`] on, of the second.
+    /// Range of a subset in the model. `slot` is the subset in the first tier, or [`CELLS`] plus
+    /// the subset in the second tier.
     pub(crate) fn range(&self, slot: usize) -> core::ops::Range<usize> {
         self.starts[slot] as usize..self.starts[slot + 1] as usize
     }
 
-    /// The place of the next keygraph of this subset and cost, if it is kept. Of
-    /// the cost that is kept in part, evenly spread ones are; of the cost that is in
-    /// part of the first tier likewise.
+    /// Returns the place of the next keygraph of this subset and cost, if it is kept. Of the cost
+    /// that is kept in part, evenly spread keygraphs are kept. Of the cost that the first tier
+    /// takes in part, evenly spread keygraphs go to the first tier.
     pub(crate) fn place(&mut self, cell: usize, cost: u32) -> Option<usize> {
         let [first, second] = [self.range(cell).len(), self.range(CELLS + cell).len()];
         let counts = self.counts[cell];
@@ -183,7 +188,7 @@ mod tests {
     #[test]
     fn keygraphs_too_dear_to_keep_take_no_places() {
         let mut t = std::boxed::Box::new(Table::new());
-        // As views are walked: dear keygraphs come between those kept in part.
+        // The order is that of training: expensive keygraphs come between those kept in part.
         let fed: std::vec::Vec<u32> = [0, 2, 2, 1, 2, 1, 0, 2, 1, 1, 2, 2].into();
         fed.iter().for_each(|&cost| t.count(0, cost));
         assert_eq!(t.allot(4, 12, 4), 4);

@@ -1,25 +1,23 @@
-//! One picture to a model, in memory that the caller gives.
+//! Trains a model from one picture, in memory that the caller provides.
 //!
-//! In: a picture and the parameters. Out: the bytes of a model in the caller's
-//! buffer. The picture is rendered at several sizes and under several tilts; the
-//! corners of each view are ranked as in a frame; every triple of them that is a
-//! keygraph is weighed by how likely a frame's triangulation is to contain it,
-//! and the best are kept.
+//! In: a picture and the training parameters. Out: the bytes of a model in the caller's buffer. The
+//! picture is rendered at several sizes and under several tilts. The corners of each view are
+//! ranked as in a frame. Every triple of corners that is a keygraph gets a cost, which says how
+//! unlikely a frame's triangulation is to contain it. The cheapest keygraphs are kept.
 //!
-//! A triple is Delaunay in a prefix of the ranking that holds its last vertex
-//! when no other corner of the prefix lies in its circumcircle. Of the corners in
-//! there, those ranked before the last vertex would have to be missed for it to
-//! appear, those ranked soon after may be cut off: the cost is two for each of
-//! the first and one for each of the second, and cheap triples are kept first. A
-//! cap on each subset of the partition and one in total drop the dear ones, and
-//! count them.
+//! The cost of a triple follows from the nested triangulation of a frame. A triple is a Delaunay
+//! triangle of a prefix of the ranking when the prefix holds the triple's last vertex and no other
+//! corner of the prefix lies in its circumcircle. A corner in the circumcircle that is ranked
+//! before the last vertex rules the triple out unless the frame misses that corner: it adds two to
+//! the cost. A corner that is ranked soon after the last vertex may be cut off by the end of the
+//! prefix: it adds one. A maximum for each subset of the partition and a maximum for the model drop
+//! the most expensive keygraphs and count them.
 //!
-//! Nothing is held in between: the triples are enumerated twice, first to count
-//! them by subset and cost, then to put each record at its place.
+//! The keygraphs are enumerated twice, and none is stored in between. The first pass counts them by
+//! subset and cost. The second pass writes each record to its place.
 //!
-//! Memory: two pyramids, the corners' rows and candidates, and some 40 KB of tables
-//! ([`Trainer`]: 1.3 MB for vga). Cost: under a
-//! second on a desktop for the largest preset.
+//! Memory: two pyramids, the rows and candidates of the corners, and about 40 KB of tables
+//! ([`Trainer`]: 1.3 MB for vga). Cost: under a second on a desktop for the largest preset.
 
 use heapless::Vec;
 
@@ -42,79 +40,79 @@ use crate::model::views::{
     MAX_VIEWS, MIN_VIEW_SIDE, ViewPlan, ViewSpec, are_valid, plan_views, render, render_chroma, render_luma,
 };
 
-/// Maximum number of keypoints of a view: they are numbered by a byte.
+/// Maximum number of keypoints in a view: an index of a keypoint is one byte.
 pub const MAX_VIEW_KEYPOINTS: usize = 255;
 
-/// How a model is made.
+/// Parameters of training.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub struct TrainParams<'a> {
-    /// Name of the object; cut to [`NAME_BYTES`] bytes.
+    /// Name of the object; cut to at most [`NAME_BYTES`] bytes.
     pub name: &'a str,
-    /// How frames will be searched.
+    /// Method by which frames will be searched.
     pub method: Method,
-    /// What features are made of.
+    /// Channels that the features are made of.
     pub feature: FeatureKind,
-    /// The views; at most [`MAX_VIEWS`].
+    /// Views that are rendered, 1 to [`MAX_VIEWS`].
     pub views: &'a [ViewSpec],
-    /// Most keygraphs in total.
+    /// Maximum number of keygraphs in the model.
     pub max_keygraphs: usize,
-    /// Most keygraphs in a subset of the partition.
+    /// Maximum number of keygraphs in each subset of the partition.
     pub max_per_cell: usize,
 }
 
 impl<'a> TrainParams<'a> {
-    /// Parameters without caps: all keygraphs are kept that fit the buffer.
+    /// Parameters without maxima: every keygraph that fits the buffer is kept.
     #[must_use]
     pub const fn new(name: &'a str, method: Method, feature: FeatureKind, views: &'a [ViewSpec]) -> Self {
         Self { name, method, feature, views, max_keygraphs: usize::MAX, max_per_cell: usize::MAX }
     }
 
-    /// These parameters with at most `max_keygraphs` in total, and `max_per_cell` in a subset of
-    /// the partition.
+    /// Returns these parameters with at most `max_keygraphs` keygraphs in the model, and at most
+    /// `max_per_cell` in each subset of the partition.
     #[must_use]
     pub const fn capped(self, max_keygraphs: usize, max_per_cell: usize) -> Self {
         Self { max_keygraphs, max_per_cell, ..self }
     }
 }
 
-/// Why a picture was not trained.
+/// The reason why a picture could not be trained.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum TrainError {
-    /// The picture was refused.
+    /// The picture was refused as a frame.
     Picture(FrameError),
-    /// The buffer cannot hold even an empty model: give `needed` bytes and more.
+    /// The buffer cannot hold even an empty model: provide more than `needed` bytes.
     NoRoom {
-        /// Bytes needed before the first keygraph.
+        /// Bytes that the model takes before its first keygraph.
         needed: usize,
-        /// Bytes given.
+        /// Length of the buffer, bytes.
         given: usize,
     },
-    /// Too few corners to make a keygraph: take a picture with more texture, or
-    /// in better light.
+    /// There are too few corners for a keygraph: take a picture with more texture, or in better
+    /// light.
     NothingToHold {
-        /// Keypoints found over all views.
+        /// Number of keypoints found, over all views.
         keypoints: usize,
     },
-    /// A side is too short to hold corners in any view: take a larger picture, or
-    /// one of a larger part of the object.
+    /// A side of the picture is too short to hold corners in any view: take a larger picture, or a
+    /// picture of a larger part of the object.
     TooNarrow {
-        /// Width as trained on, px.
+        /// Width of the picture that was trained on, px.
         width: usize,
-        /// Height as trained on, px.
+        /// Height of the picture that was trained on, px.
         height: usize,
     },
-    /// More views than [`MAX_VIEWS`], none, or one whose side is not above 0, whose
-    /// squeeze is not from 0.01 to 1, or whose direction is not finite.
+    /// The views are not valid: there are none or more than [`MAX_VIEWS`], or one has a side not
+    /// above 0, a squeeze not from 0.01 to 1, or a direction that is not finite.
     Views,
-    /// A side of the original is not from 1 to 1,048,576 px: pass its true size.
+    /// A side of the original picture is not from 1 to 1,048,576 px: pass its true size.
     Original {
-        /// Width given, px.
+        /// Width of the original as given, px.
         width: u32,
-        /// Height given, px.
+        /// Height of the original as given, px.
         height: u32,
     },
 }
@@ -156,31 +154,31 @@ impl From<FrameError> for TrainError {
     }
 }
 
-/// What training did.
+/// Result of a training.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub struct Trained {
-    /// Bytes of the model, at the start of the buffer.
+    /// Length of the model at the start of the buffer, bytes.
     pub bytes: usize,
-    /// Keypoints of each view.
+    /// Number of keypoints in each view.
     pub view_keypoints: Vec<u16, MAX_VIEWS>,
-    /// Triples of keypoints, over all views.
+    /// Number of possible triples of keypoints, over all views.
     pub triples: u32,
-    /// Keygraphs: seen are the triples that are thick, scalene and likely enough;
-    /// dropped those that a cap left out.
+    /// Counts of keygraphs. `seen` are the thick, scalene triples with a low enough cost. `kept`
+    /// are in the model. `dropped` exceeded a maximum or the buffer.
     pub keygraphs: StageStats,
 }
 
 impl Trained {
-    /// Keypoints over all views.
+    /// Number of keypoints, over all views.
     #[must_use]
     pub fn keypoints(&self) -> usize {
         self.view_keypoints.iter().map(|&n| usize::from(n)).sum()
     }
 }
 
-/// Memory that training works in.
+/// Trains models, and owns the memory for it.
 #[derive(Debug)]
 pub struct Trainer<const LUMA: usize, const CHROMA: usize, const SIDE: usize, const CORNERS: usize> {
     picture: Pyramid<LUMA, CHROMA>,
@@ -188,20 +186,20 @@ pub struct Trainer<const LUMA: usize, const CHROMA: usize, const SIDE: usize, co
     scratch: [[f32; SIDE]; SCRATCH_ROWS],
     corners: Vec<Corner, CORNERS>,
     table: Table,
-    /// The views that are rendered: too many for a board's stack.
+    /// Views that are rendered. They are too large for a board's stack.
     plans: Vec<ViewPlan, MAX_VIEWS>,
 }
 
-/// The trainer that goes with the vga profile: pictures of up to 307,200 px.
+/// Trainer for the vga profile: pictures of up to 307,200 px, with sides of up to 640 px.
 pub type VgaTrainer = Trainer<{ luma_bytes(640 * 480) }, { chroma_bytes(640 * 480) }, 640, 1600>;
 
-/// The trainer that goes with the qqvga profile.
+/// Trainer for the qqvga profile: pictures of up to 19,200 px, with sides of up to 160 px.
 pub type QqvgaTrainer = Trainer<{ luma_bytes(160 * 120) }, { chroma_bytes(160 * 120) }, 160, 320>;
 
 impl<const LUMA: usize, const CHROMA: usize, const SIDE: usize, const CORNERS: usize>
     Trainer<LUMA, CHROMA, SIDE, CORNERS>
 {
-    /// An idle trainer, all zero.
+    /// Creates an idle trainer; all its bytes are zero.
     #[must_use]
     pub const fn new() -> Self {
         Self {
@@ -214,11 +212,12 @@ impl<const LUMA: usize, const CHROMA: usize, const SIDE: usize, const CORNERS: u
         }
     }
 
-    /// Trains on `picture`, a scaled copy of an original of `original` px (width,
-    /// height), into `out`. Poses will be told in px of the original.
+    /// Trains on `picture` and writes the model to the start of `out`. `picture` is a scaled copy
+    /// of an original picture of `original` px (width, height). Detections give poses in px of the
+    /// original.
     ///
     /// # Errors
-    /// [`TrainError`], with what to do about it.
+    /// [`TrainError`], which says what to do about it.
     pub fn train(
         &mut self,
         picture: &Frame<'_>,
@@ -269,7 +268,7 @@ impl<const LUMA: usize, const CHROMA: usize, const SIDE: usize, const CORNERS: u
         Ok(trained)
     }
 
-    /// Takes in the picture.
+    /// Loads the picture and makes its pyramid.
     fn load(&mut self, picture: &Frame<'_>, original: (u32, u32)) -> Result<(), TrainError> {
         let (w, h) = (picture.width(), picture.height());
         if w.max(h) > SIDE {
@@ -285,7 +284,7 @@ impl<const LUMA: usize, const CHROMA: usize, const SIDE: usize, const CORNERS: u
         Ok(())
     }
 
-    /// Walks the keygraphs of all views, and counts them by subset and cost.
+    /// Enumerates the keygraphs of all views, and counts them by subset and cost.
     fn count_keygraphs(&mut self, params: &TrainParams<'_>, trained: &mut Trained) -> Result<(), TrainError> {
         let rules = params.method.parameters();
         self.table.clear();
@@ -293,7 +292,7 @@ impl<const LUMA: usize, const CHROMA: usize, const SIDE: usize, const CORNERS: u
             let plan = self.plans[i];
             self.prepare(&plan, rules);
             let n = self.corners.len();
-            // There are as many plans as `view_keypoints` has room for.
+            // This push cannot fail: `view_keypoints` has room for as many views as `plans`.
             let _ = trained.view_keypoints.push(id(n));
             trained.triples += triples(n);
             let Self { corners, table, .. } = self;
@@ -306,8 +305,8 @@ impl<const LUMA: usize, const CHROMA: usize, const SIDE: usize, const CORNERS: u
         }
     }
 
-    /// Shares out the places for keygraphs in a model of at most `room` bytes. Returns the tiers
-    /// and the counts with the keygraphs that are kept.
+    /// Distributes the places for keygraphs in a model of at most `room` bytes. Returns the tiers,
+    /// and `counts` with the number of keygraphs that are kept.
     fn table_of(
         &mut self,
         counts: &Counts,
@@ -323,7 +322,7 @@ impl<const LUMA: usize, const CHROMA: usize, const SIDE: usize, const CORNERS: u
             Ok::<_, TrainError>(params.max_keygraphs.min(places).min(self.table.total() as usize))
         };
         let mut tiers = Tiers { lists: false, second: false };
-        // A second tier pays only where it is the larger one.
+        // A second tier pays only when it is larger than the first.
         tiers.second = most(tiers)? / 2 > first_tier;
         let first = if tiers.second { first_tier } else { usize::MAX };
         let most = most(tiers)?;
@@ -331,8 +330,8 @@ impl<const LUMA: usize, const CHROMA: usize, const SIDE: usize, const CORNERS: u
         Ok((tiers, Counts { keygraphs, ..*counts }))
     }
 
-    /// Walks the keygraphs of all views again, and writes views, keypoints and the keygraphs
-    /// that have a place.
+    /// Enumerates the keygraphs of all views again. Writes the views, the keypoints, and the
+    /// keygraphs that have a place.
     fn write_views(&mut self, params: &TrainParams<'_>, original: (u32, u32), sheet: &mut Sheet<'_>) {
         let (rules, sampling) = (params.method.parameters(), params.method.sampling());
         let (feature_bytes, loaded) = (sheet.feature_bytes, self.picture.view());
@@ -386,20 +385,20 @@ impl<const LUMA: usize, const CHROMA: usize, const SIDE: usize, const CORNERS: u
     }
 }
 
-/// Triples of `n` points.
+/// Number of triples of `n` points.
 fn triples(n: usize) -> u32 {
     u32::try_from(n * n.saturating_sub(1) * n.saturating_sub(2) / 6).unwrap_or(u32::MAX)
 }
 
-/// Size of the template of a picture: at most [`TEMPLATE_SIDE`], at least 8.
+/// Size of the template of a picture, px: each side is 8 to [`TEMPLATE_SIDE`].
 fn template_size(w: usize, h: usize) -> (usize, usize) {
     let longer = w.max(h);
     let side = |v: usize| (v * TEMPLATE_SIDE / longer).clamp(8, TEMPLATE_SIDE);
     (side(w), side(h))
 }
 
-/// Calls `found` with every keygraph on the corners that is likely enough, and its
-/// cost. Vertices are indices of corners.
+/// Calls `found` with every keygraph of the corners whose cost is at most [`MAX_COST`], and with
+/// its cost. Vertices are indices of corners.
 #[inline(never)]
 fn each_keygraph(corners: &[Corner], rules: &Parameters, mut found: impl FnMut(&Keygraph, u32)) {
     let mut points = [Point::default(); MAX_VIEW_KEYPOINTS];
@@ -431,7 +430,7 @@ struct Sheet<'a> {
 }
 
 impl Sheet<'_> {
-    /// The record of the only object. `sums` are its triples and keypoints over all views.
+    /// Writes the record of the only object. `sums` are its triples and keypoints over all views.
     #[inline(never)]
     fn write_object(&mut self, name: &str, original: (u32, u32), template: (usize, usize), sums: (u32, usize)) {
         let r = &mut self.out[self.layout.objects..][..OBJECT];
@@ -450,7 +449,7 @@ impl Sheet<'_> {
         object::KEYPOINTS.put_size(r, sums.1);
     }
 
-    /// The template: the picture at `width` x `height` px, and its levels.
+    /// Writes the template: the picture at `width` x `height` px, and its pyramid levels.
     #[inline(never)]
     fn write_template(&mut self, picture: &PyramidView<'_>, (width, height): (usize, usize)) {
         let scale = [picture.width() as f32 / width as f32, picture.height() as f32 / height as f32];
@@ -470,7 +469,7 @@ impl Sheet<'_> {
         }
     }
 
-    /// The record of view `i`, whose keypoints are `n` from `first` on.
+    /// Writes the record of view `i`, which has `n` keypoints from index `first` on.
     #[inline(never)]
     fn write_view(&mut self, i: usize, plan: &ViewPlan, to_original: &Homography, (first, n): (usize, usize)) {
         let r = &mut self.out[self.layout.views + VIEW * i..][..VIEW];
@@ -481,12 +480,12 @@ impl Sheet<'_> {
         view::TO_PICTURE.iter().zip(to_picture.0).for_each(|(number, v)| number.put(r, v));
         let middle = [plan.width, plan.height].map(|v| (v as f32 - 1.0) / 2.0);
         view::CENTRE.iter().zip(middle).for_each(|(number, v)| number.put(r, v));
-        // The area ratio of picture px to px of the loaded picture.
+        // The square root below is picture px per px of the loaded picture.
         let [sx, sy] = [to_original.0[0], to_original.0[4]];
         view::SCALE.put(r, plan.scale / math::sqrt(sx * sy));
     }
 
-    /// The keypoints of a view, from `first` on.
+    /// Writes the keypoints of a view, from index `first` on.
     fn write_keypoints(&mut self, first: usize, corners: &[Corner]) {
         let records = self.out[self.layout.keypoints + KEYPOINT * first..].chunks_exact_mut(KEYPOINT);
         for (r, c) in records.zip(corners) {
@@ -495,7 +494,7 @@ impl Sheet<'_> {
         }
     }
 
-    /// Keygraph `at`: key, vertices and feature.
+    /// Writes keygraph `at`: key, vertices and feature.
     fn write_keygraph(&mut self, at: usize, view: usize, k: &Keygraph, feature: &[u8]) {
         let Self { out, layout, feature_bytes } = self;
         let parts = layout.parts(*feature_bytes);

@@ -1,7 +1,7 @@
-//! The views that a picture is trained in: at several sizes, and tilted.
+//! Renders the views that a picture is trained in: several sizes, and several tilts.
 //!
-//! In: a picture, and the views that are wanted. Out: the views worth rendering, and their
-//! pixels. Memory: 64 bytes a view. Cost: a bilinear sample a pixel of luma.
+//! In: a picture, and the views that are asked for. Out: the views worth rendering, and their
+//! pixels. Memory: 64 bytes for each view. Cost: one bilinear sample for each pixel of luma.
 
 use heapless::VecView;
 
@@ -15,31 +15,32 @@ pub const MAX_VIEWS: usize = 64;
 /// Minimum side of a view, px.
 pub(crate) const MIN_VIEW_SIDE: usize = 24;
 
-/// One view that a picture is rendered in.
+/// A view to render a picture in.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ViewSpec {
-    /// Longer side of the picture in the view, px; never above the picture's own.
+    /// Longer side of the picture in the view, px. A value above the picture's own longer side
+    /// counts as that side.
     pub side_px: f32,
-    /// Width that remains across the tilt axis: the cosine of the tilt, 1 from
-    /// the front.
+    /// Factor by which the tilt narrows the picture, 0.01 to 1: the cosine of the tilt angle. 1 is
+    /// the view from the front.
     pub squeeze: f32,
-    /// Direction that is squeezed, degrees.
+    /// Direction in which the picture is narrowed, degrees.
     pub direction_deg: f32,
-    /// Most keypoints taken from it.
+    /// Maximum number of keypoints taken from the view.
     pub keypoints: u8,
 }
 
-/// One view as it is rendered.
+/// A view with its size and maps, ready to render.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ViewPlan {
     pub(crate) width: usize,
     pub(crate) height: usize,
-    /// View px to px of the loaded picture.
+    /// Map from view px to px of the loaded picture.
     pub(crate) to_loaded: Homography,
-    /// View px per px of the loaded picture.
+    /// Scale of the view: view px per px of the loaded picture.
     pub(crate) scale: f32,
-    /// Maximum number of keypoints taken from it.
+    /// Maximum number of keypoints taken from the view.
     pub(crate) keypoints: usize,
 }
 
@@ -49,14 +50,14 @@ impl ViewSpec {
     }
 }
 
-/// Whether views can be made as specified.
+/// Whether the number of views and the values of each are valid.
 pub(crate) fn are_valid(specs: &[ViewSpec]) -> bool {
     !specs.is_empty() && specs.len() <= MAX_VIEWS && specs.iter().all(ViewSpec::is_valid)
 }
 
-/// Leaves in `plans` the views worth rendering: none larger than the picture, which has `width`
-/// x `height` px, none twice, and only those that fit: `fits` is asked for width and height,
-/// each at most `side`.
+/// Writes to `plans` the views worth rendering. A view is never larger than the picture, which has
+/// `width` x `height` px. A view that equals an earlier one is left out, and so is a view that does
+/// not fit. `fits` is asked with the width and height of a view, each at most `side`.
 #[inline(never)]
 pub(crate) fn plan_views(
     specs: &[ViewSpec],
@@ -76,7 +77,7 @@ pub(crate) fn plan_views(
         }
         let scale = side_of(v) / w.max(h);
         let (sin, cos) = math::sin_cos(v.direction_deg * (core::f32::consts::PI / 180.0));
-        // R diag(squeeze, 1) R^-1, scaled
+        // The matrix is R diag(squeeze, 1) R^-1, times the scale.
         let k = 1.0 - v.squeeze;
         let (a, b, d) = (scale * (1.0 - k * cos * cos), -scale * k * sin * cos, scale * (1.0 - k * sin * sin));
         let size = |v: f32| usize::try_from(math::round(v)).unwrap_or(0).min(side);
@@ -93,19 +94,19 @@ pub(crate) fn plan_views(
         let Some(to_loaded) = to_view.inverse() else { continue };
         if width.min(height) >= MIN_VIEW_SIDE && fits(width, height) {
             let (scale, keypoints) = (scale * math::sqrt(v.squeeze), usize::from(v.keypoints));
-            // There is room for as many plans as specifications.
+            // This push cannot fail: `plans` has room for as many plans as specifications.
             let _ = plans.push(ViewPlan { width, height, to_loaded, scale, keypoints });
         }
     }
 }
 
-/// The pyramid level to sample for a view of this scale.
+/// Pyramid level of the picture to sample for a view of this scale.
 fn level_for(scale: f32) -> usize {
     let l = math::floor(math::log2(1.0 / scale) + 0.35);
     usize::try_from(l).unwrap_or(0).min(LEVELS - 1)
 }
 
-/// Renders the picture under an affine map (target px to picture px).
+/// Renders luma and chroma of the picture under the affine map `to` (target px to picture px).
 pub(crate) fn render(
     picture: &PyramidView<'_>,
     to: &Homography,
@@ -124,7 +125,7 @@ pub(crate) fn render(
     });
 }
 
-/// Pixels that are rendered together.
+/// Number of pixels that are rendered together.
 const STRIP: usize = 32;
 
 pub(crate) fn render_luma(picture: &PyramidView<'_>, to: &Homography, scale: f32, width: usize, luma: &mut [u8]) {
