@@ -15,7 +15,7 @@ use imageproc::corners::{Corner as FastCorner, corners_fast9};
 use imageproc::suppress::local_maxima;
 use keygraph_core::stages::corners::{Corner, SCRATCH_ROWS, detect_corners};
 use keygraph_core::stages::method::Parameters;
-use keygraph_core::stages::pyramid::Plane;
+use keygraph_core::stages::plane::Plane;
 use keygraph_core::stages::rank::rank_by_radius;
 use keygraph_core::{Method, StageStats};
 

@@ -120,7 +120,8 @@ pub use detect::detector::{DEFAULT_THRESHOLD, Detector, HdDetector, QqvgaDetecto
 pub use detect::observer::{Observer, Output, Stats};
 
 // Tracking, and poses in space.
-pub use follow::track::{LOST_FRAMES, SEARCH_EVERY, State, TRACKS, Track, Tracker};
+pub use follow::instance::{State, Track};
+pub use follow::track::{LOST_FRAMES, SEARCH_EVERY, TRACKS, Tracker};
 pub use space::camera::{CameraError, Intrinsics, PlanePose, Pose, plane_pose};
 
 /// The stages and their foundations, in the order in which a frame flows through them. Each can be
@@ -144,7 +145,7 @@ pub mod stages {
     pub mod frame {
         pub use crate::image::frame::{DARK, MAX_SIDE, MIN_SIDE, NO_CHROMA};
     }
-    pub use crate::image::{pyramid, shrink};
+    pub use crate::image::{plane, pyramid, shrink};
 
     pub use crate::extract::{corners, delaunay, keygraph, rank};
     /// Features of keygraphs: up to 36 bytes that change neither with the light nor with the pose.
@@ -175,6 +176,6 @@ pub mod stages {
 
     /// Thresholds for the tracks of a tracker.
     pub mod track {
-        pub use crate::follow::track::{FADE, STAY, SURE};
+        pub use crate::follow::instance::{FADE, STAY, SURE};
     }
 }

@@ -8,7 +8,7 @@ use keygraph_core::stages::corners::Corner;
 use keygraph_core::stages::delaunay::Triple;
 use keygraph_core::stages::finder::Finder;
 use keygraph_core::stages::geometry::Point;
-use keygraph_core::stages::pyramid::Plane;
+use keygraph_core::stages::plane::Plane;
 use keygraph_core::{Frame, Model, PixelFormat, StageStats, heapless::VecView};
 use keygraph_fuzz::{Input, PICTURE, check, detector, models, picture};
 use libfuzzer_sys::fuzz_target;

@@ -31,7 +31,7 @@ use keygraph_core::stages::corners::Corner;
 use keygraph_core::stages::delaunay::Triple;
 use keygraph_core::stages::finder::Finder;
 use keygraph_core::stages::geometry::Point;
-use keygraph_core::stages::pyramid::Plane;
+use keygraph_core::stages::plane::Plane;
 use keygraph_core::stages::rank::rank_by_radius;
 use keygraph_core::{DEFAULT_THRESHOLD, Frame, Model, Stage, StageStats, VgaDetector, heapless::VecView};
 

@@ -13,7 +13,7 @@
 //!
 //! The same seed gives the same bytes on every machine: random numbers are our
 //! own, floats see + - x / and square roots, which are rounded exactly, and
-//! [`keygraph_core::math`].
+//! [`keygraph_core::stages::math`].
 //!
 //! Memory: 12 bytes a frame pixel, twice while it is blurred. Cost: some 20 ms a
 //! frame of 640 x 480 px, half of it the leaves.

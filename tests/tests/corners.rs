@@ -6,7 +6,7 @@ use std::fmt::Write;
 
 use heapless::Vec as FixedVec;
 use keygraph_core::stages::corners::{Corner, CornerParams, SCRATCH_ROWS, detect_corners};
-use keygraph_core::stages::pyramid::Plane;
+use keygraph_core::stages::plane::Plane;
 use keygraph_core::stages::rank::rank_by_strength;
 use keygraph_tests::file;
 

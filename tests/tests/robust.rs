@@ -9,7 +9,7 @@ use keygraph_core::stages::corners::Corner;
 use keygraph_core::stages::delaunay::Triple;
 use keygraph_core::stages::finder::Finder;
 use keygraph_core::stages::geometry::Point;
-use keygraph_core::stages::pyramid::Plane;
+use keygraph_core::stages::plane::Plane;
 use keygraph_core::{
     DEFAULT_THRESHOLD, Detection, Detector, FeatureKind, Frame, FrameError, Method, Model, PixelFormat, Profile,
     QqvgaDetector, QvgaDetector, Stage, StageStats, Stats, VgaDetector,

@@ -13,9 +13,11 @@
 
 use crate::base::geometry::{Homography, area};
 use crate::detect::appearance::{Blocks, is_plausible, level_of_area};
-use crate::detect::overlay::{BLOCKS, Light, Lit, NO_LIGHT, Overlay};
+use crate::detect::light::{BLOCKS, Light, NO_LIGHT};
+use crate::detect::overlay::{Lit, Overlay};
 use crate::detect::pose::solve;
-use crate::image::pyramid::{Plane, PyramidView, into_level};
+use crate::image::plane::Plane;
+use crate::image::pyramid::{PyramidView, into_level};
 use crate::model::parse::Template;
 
 /// Minimum number of blocks that agree: before the first step, and after each refinement. Of 565
@@ -243,7 +245,8 @@ impl Normal {
 mod tests {
     use super::*;
     use crate::image::frame::{Frame, NO_CHROMA, PixelFormat};
-    use crate::image::pyramid::{Pyramid, halve_luma, plane_bytes, reduce_all};
+    use crate::image::halve::halve_luma;
+    use crate::image::pyramid::{Pyramid, plane_bytes, reduce_all};
     use crate::model::format::template_bytes;
     use std::prelude::rust_2024::*;
     use std::vec;

@@ -12,10 +12,12 @@ use crate::base::capacity::{LEVELS, id};
 use crate::base::geometry::{Homography, area, is_convex};
 use crate::base::math;
 use crate::base::sort::sort;
-use crate::detect::overlay::{BLOCKS, Light, Moments, Overlay, Shade, agreement, block_ranges, every, number};
+use crate::detect::light::{BLOCKS, Light, Moments, Shade, agreement};
+use crate::detect::overlay::{Overlay, block_ranges, every, number};
 use crate::detect::verify::{CHROMA_NOISE, Counts};
 use crate::image::frame::NO_CHROMA;
-use crate::image::pyramid::{Plane, PyramidView, into_level, nearest, out_of_level};
+use crate::image::plane::{Plane, nearest};
+use crate::image::pyramid::{PyramidView, into_level, out_of_level};
 use crate::model::parse::Template;
 
 /// Minimum spread of a block of the template that counts, gray levels.
@@ -240,7 +242,8 @@ fn chroma_correlation(view: &PyramidView<'_>, template: &Template<'_>, h: &Homog
 mod tests {
     use super::*;
     use crate::image::frame::{Frame, PixelFormat};
-    use crate::image::pyramid::{Pyramid, halve_luma, plane_bytes, reduce_all};
+    use crate::image::halve::halve_luma;
+    use crate::image::pyramid::{Pyramid, plane_bytes, reduce_all};
     use crate::model::format::template_bytes;
     use std::prelude::rust_2024::*;
     use std::vec;

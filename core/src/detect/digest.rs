@@ -13,7 +13,8 @@ use crate::base::capacity::{LEVELS, Stage};
 use crate::detect::detection::Detection;
 use crate::detect::observer::Output;
 use crate::detect::vote::Similarity;
-use crate::image::pyramid::{Plane, PyramidView};
+use crate::image::plane::Plane;
+use crate::image::pyramid::PyramidView;
 
 /// Digest of a sequence of bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -11,7 +11,7 @@ use crate::base::geometry::Point;
 use crate::extract::corners::{Corner, detect_corners};
 use crate::extract::delaunay::{Triple, Workspace, triangulate};
 use crate::extract::rank::rank;
-use crate::image::pyramid::Plane;
+use crate::image::plane::Plane;
 use crate::model::method::Parameters;
 
 /// Finds keypoints and triples in a frame. An implementation can replace our corners and their

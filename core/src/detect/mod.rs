@@ -9,6 +9,7 @@ pub mod verify;
 pub mod vote;
 pub mod hough;
 pub mod pose;
+pub mod light;
 pub mod overlay;
 pub mod appearance;
 pub mod align;

@@ -17,10 +17,8 @@ use core::ops::Range;
 use crate::base::capacity::TEMPLATE_SIDE;
 use crate::base::geometry::Homography;
 use crate::base::math::{self, VECTORS};
-use crate::image::pyramid::Plane;
-
-/// Number of blocks in each direction.
-pub(crate) const BLOCKS: usize = 6;
+use crate::detect::light::{BLOCKS, LEAST_WEIGHT, Light, Moments, Shade};
+use crate::image::plane::Plane;
 
 /// Number of parts of a sum: one for every fourth column, so that four columns can be added side by
 /// side.
@@ -75,79 +73,12 @@ fn add_pairs<const N: usize>(sums: &mut Pairs, lane: usize, [t, f]: [&Numbers<N>
     add(sums, lane, [*seen, t, f, times(&t, &t), times(&f, &f), times(&t, &f)]);
 }
 
-/// Moments of a correlation.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Moments {
-    /// Number of pixels.
-    pub(crate) n: f32,
-    /// Mean of the template and mean of the frame.
-    pub(crate) mean: [f32; 2],
-    /// Variance of the template, variance of the frame, and covariance.
-    pub(crate) t: f32,
-    pub(crate) f: f32,
-    pub(crate) tf: f32,
-}
-
-impl Moments {
-    fn new(sums: &Pairs) -> Self {
-        let [n, t, f, tt, ff, tf] = total(sums);
-        let k = 1.0 / n.max(1.0);
-        let mean = [t * k, f * k];
-        Self { n, mean, t: tt * k - mean[0] * mean[0], f: ff * k - mean[1] * mean[1], tf: tf * k - mean[0] * mean[1] }
+/// Computes the light of a row of blocks from its correlation sums.
+#[inline(never)]
+fn renew(light: &mut [Shade], pairs: &RowOfPairs) {
+    for (shade, pairs) in light.iter_mut().zip(pairs) {
+        *shade = Shade::new(&Moments::new(total(pairs)));
     }
-}
-
-/// Light of a block: its mean and spread in template and frame, and the weight of the block.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Shade {
-    scale_t: f32,
-    scale_f: f32,
-    /// Difference between the mean of the template and the mean of the frame, each times its scale.
-    offset: f32,
-    weight: f32,
-    /// Minimum step of a pixel that counts, gray levels: the sum of its absolute steps along the
-    /// row and across it.
-    flat: f32,
-}
-
-/// Light of all blocks of a template.
-pub(crate) type Light = [Shade; BLOCKS * BLOCKS];
-
-/// Light before a frame has been looked at.
-pub(crate) const NO_LIGHT: Light =
-    [Shade { scale_t: 0.0, scale_f: 0.0, offset: 0.0, weight: 0.0, flat: 0.0 }; BLOCKS * BLOCKS];
-
-/// Minimum step of a pixel that counts: [`FLAT`] spreads of its block, at most [`STEEP`] gray
-/// levels. Flat pixels are left out, because they show mostly noise.
-const FLAT: f32 = 0.8;
-const STEEP: f32 = 16.0;
-
-/// Minimum weight of a block that counts.
-const LEAST_WEIGHT: f32 = 0.05;
-
-impl Shade {
-    pub(crate) fn new(m: &Moments) -> Self {
-        let usable = m.t > 4.0 && m.f > 1.0;
-        let correlation = if usable { m.tf / math::coarse_sqrt(m.t * m.f) } else { 0.0 };
-        let [scale_t, scale_f] = [m.t, m.f].map(|v| 1.0 / math::coarse_sqrt(v.max(1.0)));
-        let offset = m.mean[0] * scale_t - m.mean[1] * scale_f;
-        Self { scale_t, scale_f, offset, weight: agreement(correlation), flat: (FLAT / scale_t).min(STEEP) }
-    }
-
-    /// Computes the light of a row of blocks from its correlation sums.
-    #[inline(never)]
-    fn renew(light: &mut [Self], pairs: &RowOfPairs) {
-        for (shade, pairs) in light.iter_mut().zip(pairs) {
-            *shade = Self::new(&Moments::new(pairs));
-        }
-    }
-}
-
-/// Agreement of a block with this correlation, 0 to 1. A correlation that arises by chance counts
-/// as 0, and so does a hidden block: it does not pull.
-pub(crate) fn agreement(correlation: f32) -> f32 {
-    let a = ((correlation - 0.2) / 0.8).max(0.0);
-    a * a
 }
 
 /// What is known of the light when errors are summed.
@@ -254,7 +185,7 @@ impl<'a> Overlay<'a> {
         let mut pairs = RowOfPairs::default();
         let columns: [_; BLOCKS] = ranges(block_ranges(self.luma.width(), BLOCKS, 0));
         self.add_row::<AT_ONCE, ROOM>(ys, &columns, &mut pairs);
-        pairs.each_ref().map(Moments::new)
+        pairs.each_ref().map(|pairs| Moments::new(total(pairs)))
     }
 
     /// Adds the pixels of the rows `ys` to the correlation sums of the blocks with these columns.
@@ -311,7 +242,7 @@ impl<'a> Overlay<'a> {
             let mut pairs = RowOfPairs::default();
             if lit == Lit::Unknown {
                 self.add_row::<N, R>(ys.clone(), whole, &mut pairs);
-                Shade::renew(light, &pairs);
+                renew(light, &pairs);
                 pairs = RowOfPairs::default();
             }
             for ys in halves(&ys) {
@@ -334,7 +265,7 @@ impl<'a> Overlay<'a> {
                 }
             }
             if lit == Lit::Renewed {
-                Shade::renew(light, &pairs);
+                renew(light, &pairs);
             }
         }
     }
@@ -556,8 +487,8 @@ mod tests {
                 overlay.add_row::<1, 0>(ys.clone(), &columns, &mut one);
                 overlay.add_row::<LANES, { TEMPLATE_SIDE + LANES }>(ys.clone(), &columns, &mut four);
                 for ((one, four), xs) in one.iter().zip(&four).zip(&columns) {
-                    let m = Moments::new(one);
-                    assert_eq!(m, Moments::new(four), "rows {ys:?}, columns {xs:?}");
+                    let m = Moments::new(total(one));
+                    assert_eq!(m, Moments::new(total(four)), "rows {ys:?}, columns {xs:?}");
                     let [n, t, tf] = naive_moments(overlay, ys.clone(), xs);
                     assert_eq!(f64::from(m.n), n, "pixels of rows {ys:?}, columns {xs:?}");
                     assert!(

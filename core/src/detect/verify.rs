@@ -14,7 +14,8 @@ use crate::base::capacity::LEVELS;
 use crate::base::geometry::Homography;
 use crate::base::math;
 use crate::image::frame::NO_CHROMA;
-use crate::image::pyramid::{Plane, PyramidView, between, into_level, nearest, out_of_level};
+use crate::image::plane::{Plane, between, nearest};
+use crate::image::pyramid::{PyramidView, into_level, out_of_level};
 use crate::model::parse::Template;
 
 /// Half the side of a window, in square roots of the triangle's area.
@@ -246,7 +247,8 @@ pub fn likeness(
 mod tests {
     use super::*;
     use crate::image::frame::{Frame, PixelFormat};
-    use crate::image::pyramid::{Pyramid, halve_chroma, halve_luma, plane_bytes, reduce_all};
+    use crate::image::halve::{halve_chroma, halve_luma};
+    use crate::image::pyramid::{Pyramid, plane_bytes, reduce_all};
     use crate::model::format::template_bytes;
     use std::prelude::rust_2024::*;
     use std::vec;

@@ -24,7 +24,8 @@ use crate::base::capacity::{FEATURE_BYTES, LEVELS};
 use crate::base::geometry::Point;
 use crate::base::math::{self, VECTORS};
 use crate::image::frame::NO_CHROMA;
-use crate::image::pyramid::{PyramidView, nearest};
+use crate::image::plane::nearest;
+use crate::image::pyramid::PyramidView;
 
 /// Number of segments of a keygraph: four at each of its three corners.
 pub const SEGMENTS: usize = 12;

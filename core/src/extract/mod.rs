@@ -4,6 +4,7 @@
 //!
 //! Rule: nothing here knows a model.
 
+pub mod strength;
 pub mod corners;
 pub mod rank;
 pub mod delaunay;

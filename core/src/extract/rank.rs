@@ -14,7 +14,8 @@ use crate::base::capacity::{StageStats, count};
 use crate::base::geometry::Point;
 use crate::base::math::{VECTORS, min};
 use crate::base::sort::sort_by_key;
-use crate::extract::corners::{Corner, LANES, by_strength};
+use crate::extract::corners::{Corner, by_strength};
+use crate::extract::strength::LANES;
 
 /// The order in which corners are put.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -2,4 +2,6 @@
 //!
 //! Rule: an instance is aligned to the model in every frame, never to the frame before.
 
+pub mod instance;
+pub mod sight;
 pub mod track;

@@ -28,16 +28,15 @@ use core::ops::Range;
 use heapless::Vec;
 
 use crate::base::capacity::{DETECTIONS, LEVELS, Stage};
-use crate::base::geometry::{Homography, area};
 use crate::base::math;
-use crate::detect::align::{Refinement, refine_by};
-use crate::detect::appearance::{Appearance, appearance_of_luma, support};
+use crate::detect::appearance::Appearance;
 use crate::detect::buffers::Profile;
 use crate::detect::detection::Detection;
 use crate::detect::detector::Detector;
 use crate::detect::observer::{Observer, Stats};
+use crate::follow::instance::{State, Track};
+use crate::follow::sight::{Sight, follow};
 use crate::image::frame::{Frame, FrameError, MIN_SIDE, Part};
-use crate::image::pyramid::PyramidView;
 use crate::model::parse::Model;
 
 /// Maximum number of instances that are followed at once.
@@ -50,94 +49,6 @@ pub const SEARCH_EVERY: u32 = 10;
 /// Number of frames for which an instance that is not seen is still reported as lost, and searched
 /// for in every frame. It is a second of video.
 pub const LOST_FRAMES: u32 = 30;
-
-/// Share of the threshold that an instance needs to stay.
-pub const STAY: f32 = 0.5;
-
-/// Minimum score at which a followed pose is believed without a search. No wrong pose among those
-/// that the score was fitted to reached it. 5 of 116 right poses did not reach it.
-pub const SURE: f32 = 0.8;
-
-/// Minimum share of the support in the frame before at which a followed pose is believed without a
-/// search. An instance that suddenly looks much less alike has been hidden, or the alignment went
-/// astray.
-pub const FADE: f32 = 0.7;
-
-/// State of an instance in the last frame.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum State {
-    /// A search found the instance. It was not seen in the frame before.
-    Found,
-    /// The instance was seen in the frame before, and in this one.
-    Tracked,
-    /// The instance is not seen. Its detection is the last one that it had.
-    Lost,
-}
-
-impl State {
-    /// Returns `found`, `tracked` or `lost`.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Found => "found",
-            Self::Tracked => "tracked",
-            Self::Lost => "lost",
-        }
-    }
-}
-
-/// An instance of an object that is followed.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Track {
-    /// Id of the instance. No other instance gets the same id.
-    pub id: u32,
-    /// State of the instance.
-    pub state: State,
-    /// Detection in this frame, or the last one if the instance is not seen. `votes` and `agreeing`
-    /// come from the last search that found it. `appearance.chroma` is 0 when no search found it in
-    /// this frame.
-    pub detection: Detection,
-    /// Number of frames since the instance was seen; 0 when it is seen in this frame.
-    pub unseen: u32,
-    /// Pose one frame before the instance was last seen.
-    before: Option<Homography>,
-    /// Whether the instance has been seen in the frame that is being processed.
-    seen: bool,
-    /// Whether the instance was followed in that frame beyond doubt.
-    sure: bool,
-    /// Whether a detection of the search in that frame belongs to the instance.
-    claimed: bool,
-}
-
-impl Track {
-    /// Returns whether the pose is certain: it was followed beyond doubt, or a search found it.
-    fn is_certain(&self) -> bool {
-        self.seen && (self.claimed || self.sure)
-    }
-
-    /// Takes a pose in this frame.
-    fn take(&mut self, d: Detection) {
-        if !self.seen {
-            self.before = (self.unseen == 0).then_some(self.detection.homography);
-        }
-        self.detection = d;
-        self.seen = true;
-    }
-
-    /// Returns whether `d`, a pose that the instance was followed to, is beyond doubt.
-    fn is_sure(&self, d: &Detection) -> bool {
-        d.score >= SURE && d.appearance.support >= FADE * self.detection.appearance.support
-    }
-
-    /// Returns the pose in this frame if the motion goes on. Returns `None` when the motion is
-    /// unknown.
-    fn predicted(&self) -> Option<Homography> {
-        let step = self.detection.homography.after(&self.before?.inverse()?);
-        Some(step.after(&self.detection.homography).normalised())
-    }
-}
 
 /// Follows the instances that a [`Detector`] finds.
 #[derive(Debug)]
@@ -387,25 +298,6 @@ impl Tracker {
     }
 }
 
-/// Minimum support (number of blocks that agree) at the predicted pose, and after the coarse steps.
-/// The first is 0, because the frame at the predicted pose may look like nothing when an object
-/// moved far.
-const LEAST_SUPPORT: [f32; 2] = [0.0, 0.8];
-
-/// Steps of the alignment of a pose that is nearly right; see `align`.
-const STEPS: [Refinement; 3] = [
-    Refinement { level: 2, blocks: 4, times: 5, still: 0.1, keep: 1.0 },
-    Refinement { level: 1, blocks: 6, times: 4, still: 0.05, keep: 1.0 },
-    Refinement { level: 0, blocks: 6, times: 3, still: 0.04, keep: 0.98 },
-];
-
-/// How far the neighbourhood is searched each way, in px of level `GLANCE_LEVEL` of the template.
-const GLANCE: i8 = 4;
-const GLANCE_LEVEL: usize = 2;
-
-/// Maximum factor by which an area may change from one frame to the next.
-const MAX_GROWTH: f32 = 2.0;
-
 /// Minimum margin beside a track, px.
 const LEAST_MARGIN_PX: f32 = 16.0;
 
@@ -417,93 +309,6 @@ fn span([least, most]: [f32; 2], side: usize) -> Range<usize> {
     let whole = |v: f32| usize::try_from(math::floor(v)).unwrap_or(0).min(side);
     let start = whole(least).min(side - MIN_SIDE) / STEP * STEP;
     start..whole(most).next_multiple_of(STEP).max(start + MIN_SIDE).min(side)
-}
-
-/// The part of a frame that is looked at. `corner` is its upper left corner in the frame, px.
-struct Sight<'a> {
-    view: PyramidView<'a>,
-    corner: [f32; 2],
-}
-
-impl Sight<'_> {
-    /// Returns in px of the part a pose that is in px of the frame.
-    fn within(&self, h: &Homography) -> Homography {
-        Homography::affine([1.0, 0.0, -self.corner[0], 0.0, 1.0, -self.corner[1]]).after(h)
-    }
-
-    /// Returns in px of the frame a pose that is in px of the part.
-    fn without(&self, h: &Homography) -> Homography {
-        Homography::affine([1.0, 0.0, self.corner[0], 0.0, 1.0, self.corner[1]]).after(h)
-    }
-}
-
-/// Returns where a track is in this frame. Returns `None` when nothing nearby looks like it.
-fn follow(sight: &Sight<'_>, model: &Model<'_>, track: &Track, threshold: f32) -> Option<Detection> {
-    let last = &track.detection.homography;
-    if track.state == State::Lost {
-        return align(sight, model, track, last, threshold.max(SURE)).filter(|d| track.is_sure(d));
-    }
-    let stay = STAY * threshold;
-    let predicted = track.predicted().unwrap_or(*last);
-    let straight = align(sight, model, track, &predicted, stay);
-    if straight.is_some_and(|d| track.is_sure(&d)) {
-        return straight;
-    }
-    let near = align(sight, model, track, &glance(sight, model, track, &predicted), stay);
-    let score = |d: &Option<Detection>| d.map_or(-1.0, |d| d.score);
-    if score(&near) > score(&straight) { near } else { straight }
-}
-
-/// Aligns a pose of a track with the frame. Returns `None` when the score is below `least`, or when
-/// the outline is not plausible or its area changed too much.
-fn align(sight: &Sight<'_>, model: &Model<'_>, track: &Track, start: &Homography, least: f32) -> Option<Detection> {
-    let last = &track.detection;
-    let o = model.object(usize::from(last.object));
-    let size = [o.width as f32, o.height as f32];
-    let aligned = refine_by(&STEPS, LEAST_SUPPORT, &sight.view, &o.template, &sight.within(start), size)?;
-    let appearance = appearance_of_luma(&sight.view, &o.template, &aligned, size);
-    let homography = sight.without(&aligned).normalised();
-    let d = Detection {
-        appearance,
-        score: score(&appearance),
-        votes: last.votes,
-        agreeing: last.agreeing,
-        ..Detection::at(model, last.object, &homography)
-    };
-    let growth = area(&d.corners) / area(&last.corners);
-    let believed = d.score >= least && d.is_plausible() && (1.0 / MAX_GROWTH..MAX_GROWTH).contains(&growth);
-    believed.then_some(d)
-}
-
-/// Returns the pose, shifted to the place at which the frame looks most like the object.
-fn glance(sight: &Sight<'_>, model: &Model<'_>, track: &Track, start: &Homography) -> Homography {
-    let o = model.object(usize::from(track.detection.object));
-    let size = [o.width as f32, o.height as f32];
-    let t = o.template.luma(GLANCE_LEVEL);
-    let step = math::sqrt(area(&start.outline(size[0], size[1])).abs() / (t.width() * t.height()) as f32);
-    let mut best = (*start, 0.0);
-    for y in -GLANCE..=GLANCE {
-        for x in -GLANCE..=GLANCE {
-            let shift = Homography::affine([1.0, 0.0, f32::from(x) * step, 0.0, 1.0, f32::from(y) * step]);
-            let h = shift.after(start);
-            let support = support(&sight.view, &o.template, GLANCE_LEVEL, &sight.within(&h), size);
-            if support > best.1 {
-                best = (h, support);
-            }
-        }
-    }
-    best.0.normalised()
-}
-
-/// Returns an estimate of the probability that a followed pose is right. It is a logistic
-/// regression over 116 right and 320 wrong poses. They come from rendered and real frames in which
-/// the object moved, was hidden, changed its light, or left.
-fn score(a: &Appearance) -> f32 {
-    if a.blocks < 4 {
-        return 0.0;
-    }
-    let logit = 6.0 * math::ln(1.0 + a.support) + 2.0 * (math::ln(1.0 + f32::from(a.inside)) - math::ln(37.0)) - 10.4;
-    1.0 / (1.0 + math::exp(-logit))
 }
 
 /// Returns the middle of an outline, frame px.
@@ -703,13 +508,5 @@ mod tests {
         let result = run.tracker.track(&mut run.detector, &frame, &model, DEFAULT_THRESHOLD, &mut || 0);
         assert!(matches!(result, Err(FrameError::TooLarge { .. })));
         assert_eq!(run.tracker.tracks()[0].state, State::Found);
-    }
-
-    #[test]
-    fn the_score_grows_with_what_is_seen() {
-        let a = Appearance { blocks: 30, inside: 36, median: 0.5, support: 5.0, strong: 3.0, chroma: 0.0 };
-        assert!(score(&Appearance { support: 8.0, ..a }) > score(&a));
-        assert!(score(&a) > score(&Appearance { inside: 18, ..a }));
-        assert_eq!(score(&Appearance { blocks: 3, ..a }), 0.0, "too little to see");
     }
 }

@@ -5,4 +5,6 @@
 
 pub mod frame;
 pub mod shrink;
+pub mod plane;
+pub mod halve;
 pub mod pyramid;

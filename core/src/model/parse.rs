@@ -11,7 +11,8 @@ use crate::base::capacity::TEMPLATE_SIDE;
 use crate::base::geometry::{Homography, Point};
 use crate::extract::feature::FeatureKind;
 use crate::extract::keygraph::CELLS;
-use crate::image::pyramid::{Plane, level_of, plane_bytes};
+use crate::image::plane::Plane;
+use crate::image::pyramid::{level_of, plane_bytes};
 use crate::model::format::{
     CHECKED, Counts, ENTRY, HEADER, KEYPOINT, Layout, MAGIC, MAX_PICTURE_SIDE, NAME_BYTES, OBJECT, SKETCH, START, Tier,
     Tiers, VERSION, VERTICES, VIEW, crc32, header, keypoint, kind_of, method_of, object, template_bytes, vertices,

@@ -29,7 +29,8 @@ use crate::extract::feature::{FeatureKind, extract, signature};
 use crate::extract::keygraph::{CELLS, Keygraph, MAX_COST, cost};
 use crate::extract::rank::rank;
 use crate::image::frame::{Frame, FrameError};
-use crate::image::pyramid::{Pyramid, PyramidView, halve_chroma, halve_luma, plane_bytes, reduce_all};
+use crate::image::halve::{halve_chroma, halve_luma};
+use crate::image::pyramid::{Pyramid, PyramidView, plane_bytes, reduce_all};
 use crate::model::format::{
     Counts, KEY, KEYPOINT, Layout, MAX_PICTURE_SIDE, NAME_BYTES, OBJECT, Tiers, VERTICES, VIEW, key_bytes, keypoint,
     object, sort_cell, template_bytes, vertices, view, write_header,
