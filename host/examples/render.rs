@@ -55,7 +55,8 @@ use image::ExtendedColorType;
 use image::codecs::jpeg::JpegEncoder;
 use keygraph::annotate::Canvas;
 use keygraph::input::{Picture, read_picture};
-use keygraph::render::{Exposure, Pose, Print, Random, Scene};
+use keygraph::random::Random;
+use keygraph::render::{Exposure, Pose, Print, Scene};
 use keygraph_core::Homography;
 use serde::{Deserialize, Serialize};
 

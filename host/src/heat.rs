@@ -9,7 +9,6 @@ use keygraph_core::stages::geometry::{area, contains};
 
 use crate::canvas::Canvas;
 use crate::picture::{Picture, Pixels};
-use crate::scaling::scaled;
 
 /// Number of fields along the longer side.
 const FIELDS: u32 = 128;
@@ -29,6 +28,11 @@ pub struct Heat {
     /// Fields per picture px.
     scale: f32,
     density: Vec<f32>,
+}
+
+/// Maps one coordinate of a picture to a copy that has `factor` px per px of the picture.
+fn scaled(v: f32, factor: f32) -> f32 {
+    (v + 0.5) * factor - 0.5
 }
 
 impl Heat {

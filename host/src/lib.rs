@@ -9,12 +9,12 @@
 //! - [`output`]: lines on standard output, and checks of files that will be written
 //! - [`canvas`], [`annotate`], [`video`], [`progress`]: what is drawn, written and shown
 //! - [`sensor`]: pixels as a camera's sensor would give them
-//! - [`scaling`]: coordinates of a picture in a scaled copy
 //! - [`search`]: one frame through a detector of the right size
 //! - [`trail`]: frames in order through a tracker
 //! - [`margins`]: plain margins of a picture
 //! - [`pose`]: poses of detections in space
 //! - [`learn`]: training on a picture; merging models
+//! - [`random`]: random numbers that are equal on every machine
 //! - [`render`]: frames of pictures in known poses
 //! - [`heat`]: which parts of a picture carry keygraphs
 //! - [`mod@sweep`]: how often a picture is found in rendered frames
@@ -37,12 +37,12 @@ pub mod annotate;
 pub mod video;
 pub mod progress;
 pub mod sensor;
-pub mod scaling;
 pub mod search;
 pub mod trail;
 pub mod margins;
 pub mod pose;
 pub mod learn;
+pub mod random;
 pub mod render;
 pub mod heat;
 pub mod sweep;

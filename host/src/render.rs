@@ -27,6 +27,7 @@ use keygraph_core::stages::shrink::shrink;
 
 use crate::annotate::Canvas;
 use crate::input::{Picture, Pixels};
+use crate::random::Random;
 use crate::search::{Profile, fit};
 
 /// A detection is right when its corners lie on average within this part of the
@@ -44,52 +45,6 @@ pub fn corner_error(corners: &[[f32; 2]; 4], truth: &[[f32; 2]; 4]) -> f32 {
 
 fn length(x: f32, y: f32) -> f32 {
     (x * x + y * y).sqrt()
-}
-
-// ------------------------------------------------------------ random numbers
-
-/// Random numbers, the same on every machine: splitmix64 (G. Steele, D. Lea,
-/// C. Flood, *Fast Splittable Pseudorandom Number Generators*, 2014).
-#[derive(Clone, Debug)]
-pub struct Random(u64);
-
-impl Random {
-    /// The sequence of this seed.
-    #[must_use]
-    pub const fn new(seed: u64) -> Self {
-        Self(seed)
-    }
-
-    /// A sequence of its own for every list of numbers.
-    #[must_use]
-    pub fn of(numbers: &[u64]) -> Self {
-        Self(numbers.iter().fold(0, |state, &n| Self(state ^ n).bits()))
-    }
-
-    /// 64 random bits.
-    pub const fn bits(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let z = (self.0 ^ self.0 >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ z >> 31
-    }
-
-    /// Evenly from 0 to 1, without 1: 24 bits, which a float holds exactly.
-    pub const fn unit(&mut self) -> f32 {
-        (self.bits() >> 40) as f32 / 16_777_216.0
-    }
-
-    /// Evenly from `low` to `high`.
-    pub const fn between(&mut self, low: f32, high: f32) -> f32 {
-        low + (high - low) * self.unit()
-    }
-
-    /// Nearly Gaussian, of spread 1: the sum of four even ones, at most 3.5.
-    pub fn normal(&mut self) -> f32 {
-        let bits = self.bits();
-        let sum: u64 = (0..4).map(|i| bits >> (16 * i) & 0xffff).sum();
-        (sum as f32 / 65_535.0 - 2.0) * 1.732_050_8
-    }
 }
 
 // --------------------------------------------------------------------- poses
@@ -322,7 +277,7 @@ impl Scene {
         let (w, ht, rgb) = print.at((0..4).map(side).fold(0.0, f32::max));
         let texels = rgb.as_chunks::<3>().0;
         let (fx, fy) = (w as f32 / print.size.0, ht as f32 / print.size.1);
-        let to_copy = Homography::affine([fx, 0.0, fx / 2.0 - 0.5, 0.0, fy, fy / 2.0 - 0.5]).after(&back);
+        let to_copy = Homography::scaling([fx, fy]).after(&back);
         let bounds = |i: usize| outline.iter().fold((f32::MAX, f32::MIN), |(a, b), p| (a.min(p[i]), b.max(p[i])));
         let ((x0, x1), (y0, y1)) = (bounds(0), bounds(1));
         for y in common(&span(y0 - 1.0, y1 + 1.0, self.height), &rows) {

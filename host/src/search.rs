@@ -13,12 +13,11 @@ use anyhow::{Context, Result};
 use keygraph_core::stages::digest::Digests;
 use keygraph_core::stages::shrink::shrink;
 use keygraph_core::{
-    Buffer, Detection, Detector, Frame, FrameError, HdDetector, Model, Observer, Output, PixelFormat, QqvgaDetector,
-    QvgaDetector, Room, State, Stats, Track, Tracker, VgaDetector,
+    Buffer, Detection, Detector, Frame, FrameError, HdDetector, Homography, Model, Observer, Output, PixelFormat,
+    QqvgaDetector, QvgaDetector, Room, State, Stats, Track, Tracker, VgaDetector,
 };
 
 use crate::input::{Picture, Pixels};
-use crate::scaling::scaling;
 use crate::sensor::sense;
 
 /// A frame size that detectors are built for.
@@ -186,7 +185,7 @@ impl Found {
     /// Maps all coordinates from a scaled frame to the input. `[sx, sy]` is the number of
     /// px of the frame per px of the input, across and down.
     pub fn map_back(&mut self, [sx, sy]: [f32; 2]) {
-        let back = scaling([1.0 / sx, 1.0 / sy]);
+        let back = Homography::scaling([1.0 / sx, 1.0 / sy]);
         for d in self.all_detections() {
             d.homography = back.after(&d.homography).normalised();
             d.corners = d.corners.map(|p| back.apply(p));

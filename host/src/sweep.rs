@@ -21,7 +21,8 @@ use keygraph_core::{DEFAULT_THRESHOLD, Homography, Model};
 
 use crate::heat::Heat;
 use crate::picture::Picture;
-use crate::render::{Exposure, Pose, Print, RIGHT, Random, Scene, corner_error};
+use crate::random::Random;
+use crate::render::{Exposure, Pose, Print, RIGHT, Scene, corner_error};
 use crate::search::{MAX_THREADS, Profile, search};
 
 /// The condition that a cell of the table sets.

@@ -3,7 +3,8 @@
 //! In: a picture and a motion. Out: frames, each with the true outlines of the copies in it.
 
 use keygraph::input::{Picture, read_picture};
-use keygraph::render::{Exposure, Pose, Print, Random, Scene};
+use keygraph::random::Random;
+use keygraph::render::{Exposure, Pose, Print, Scene};
 use keygraph_core::Homography;
 use keygraph_core::stages::geometry::{area, contains};
 

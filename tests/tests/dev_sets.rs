@@ -16,6 +16,7 @@ use std::path::PathBuf;
 
 use keygraph::input::read_picture;
 use keygraph::learn::{Preset, train};
+use keygraph::render::corner_error;
 use keygraph::search::{Profile, search};
 use keygraph_core::stages::geometry::area;
 use keygraph_core::{DEFAULT_THRESHOLD, Homography, Model};
@@ -52,12 +53,6 @@ struct Tally {
     elsewhere: usize,
     /// One line for each frame with an error.
     report: String,
-}
-
-/// Returns the mean distance of the corners, in sizes of the true outline.
-fn corner_error(found: &[[f32; 2]; 4], truth: &[[f32; 2]; 4]) -> f32 {
-    let distance = |(a, b): (&[f32; 2], &[f32; 2])| (a[0] - b[0]).hypot(a[1] - b[1]);
-    found.iter().zip(truth).map(distance).sum::<f32>() / 4.0 / area(truth).abs().sqrt()
 }
 
 /// Reads the true pose from three rows of three numbers. Returns `None` if the object is absent.

@@ -6,8 +6,8 @@ use std::fmt::Write;
 
 use keygraph::input::{Picture, read_picture};
 use keygraph::learn::{Preset, train};
+use keygraph::render::corner_error;
 use keygraph::search::{Profile, search};
-use keygraph_core::stages::geometry::area;
 use keygraph_core::{Homography, Model};
 use keygraph_tests::file;
 use serde_json::Value;
@@ -50,12 +50,6 @@ fn outline(truth: &Value, width: f32, height: f32) -> Option<[[f32; 2]; 4]> {
     assert_eq!(numbers.len(), 9, "a homography has nine numbers");
     let h = Homography(std::array::from_fn(|i| numbers[i].as_f64().unwrap() as f32));
     Some(h.outline(width, height))
-}
-
-/// Returns the mean distance of the corners, in sizes of the object in the frame.
-fn corner_error(found: &[[f32; 2]; 4], truth: &[[f32; 2]; 4]) -> f32 {
-    let distance = |(a, b): (&[f32; 2], &[f32; 2])| (a[0] - b[0]).hypot(a[1] - b[1]);
-    found.iter().zip(truth).map(distance).sum::<f32>() / 4.0 / area(truth).abs().sqrt()
 }
 
 /// Searches every frame for one object.

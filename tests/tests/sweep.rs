@@ -7,7 +7,8 @@ use std::fmt::Write;
 
 use keygraph::input::{Picture, read_picture};
 use keygraph::learn::{Preset, merge, train};
-use keygraph::render::{Exposure, Pose, Print, RIGHT, Random, Scene, corner_error};
+use keygraph::random::Random;
+use keygraph::render::{Exposure, Pose, Print, RIGHT, Scene, corner_error};
 use keygraph::search::{Profile, Request, search_for};
 use keygraph_core::{DEFAULT_THRESHOLD, Detection, Model};
 use keygraph_tests::file;

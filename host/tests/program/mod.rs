@@ -14,7 +14,8 @@ use std::thread;
 use image::RgbImage;
 use keygraph::annotate::Canvas;
 use keygraph::input::read_picture;
-use keygraph::render::{Exposure, Print, Random, Scene};
+use keygraph::random::Random;
+use keygraph::render::{Exposure, Print, Scene};
 use keygraph_core::Homography;
 use serde_json::Value;
 
