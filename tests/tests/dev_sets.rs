@@ -18,7 +18,6 @@ use keygraph::input::read_picture;
 use keygraph::learn::{Preset, train};
 use keygraph::render::corner_error;
 use keygraph::search::{Profile, search};
-use keygraph_core::stages::geometry::area;
 use keygraph_core::{DEFAULT_THRESHOLD, Homography, Model};
 use keygraph_tests::file;
 use serde_json::Value;

@@ -202,7 +202,8 @@ fn searched(cli: &Cli, inputs: &[PathBuf]) -> Result<(bool, Option<Run>)> {
         let (report, detections) =
             Report::decode(&mut || words.next()).with_context(|| format!("{}: the board told nothing", shot.source))?;
         let digests = Digests::from_values(report.digests);
-        let stats = Stats { stages: report.stages, ..Stats::default() };
+        let mut stats = Stats::default();
+        stats.stages = report.stages;
         let digests_told = (cli.digests || cli.check).then_some(digests);
         let mut found = Found { digests: digests_told, ..Found::new(detections.to_vec(), stats) };
         found.map_back(shot.scale);
