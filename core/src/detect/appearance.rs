@@ -126,9 +126,10 @@ impl Blocks {
         let target = level_under(&h, w as f32, h_ as f32);
         let overlay = Overlay { luma, plane: view.luma(target), map: into_level(target).after(&h) };
         let mut blocks = Self { values: [0.0; BLOCKS * BLOCKS], places: [0; BLOCKS * BLOCKS], n: 0, inside: 0 };
+        let columns = overlay.columns();
         let mut places = 0u8..;
         for ys in block_ranges(h_, BLOCKS, 0) {
-            for (m, place) in overlay.correlate(ys).iter().zip(&mut places) {
+            for (m, place) in overlay.correlate(ys, &columns).iter().zip(&mut places) {
                 if let Some(light) = &mut light {
                     light[usize::from(place)] = Shade::new(m);
                 }

@@ -62,6 +62,9 @@ fn times<const N: usize>(a: &Numbers<N>, b: &Numbers<N>) -> Numbers<N> {
 /// squares of each; their products.
 type Pairs = Sums<6>;
 
+/// Columns of each block of a row.
+pub(crate) type Columns = [Range<usize>; BLOCKS];
+
 /// Sums of the correlations of a row of blocks.
 type RowOfPairs = [Pairs; BLOCKS];
 
@@ -180,11 +183,15 @@ impl<'a> Overlay<'a> {
         line
     }
 
-    /// Correlates a row of blocks. `ys` are the rows of its pixels, and it has [`BLOCKS`] blocks.
-    pub(crate) fn correlate(&self, ys: Range<usize>) -> [Moments; BLOCKS] {
+    /// Returns the columns of the blocks of a row.
+    pub(crate) fn columns(&self) -> Columns {
+        ranges(block_ranges(self.luma.width(), BLOCKS, 0))
+    }
+
+    /// Correlates a row of blocks, which have the rows `ys` and these columns.
+    pub(crate) fn correlate(&self, ys: Range<usize>, columns: &Columns) -> [Moments; BLOCKS] {
         let mut pairs = RowOfPairs::default();
-        let columns: [_; BLOCKS] = ranges(block_ranges(self.luma.width(), BLOCKS, 0));
-        self.add_row::<AT_ONCE, ROOM>(ys, &columns, &mut pairs);
+        self.add_row::<AT_ONCE, ROOM>(ys, columns, &mut pairs);
         pairs.each_ref().map(|pairs| Moments::new(total(pairs)))
     }
 
@@ -326,21 +333,25 @@ impl<const R: usize> Row<'_, R> {
         mut pairs: Option<&mut Pairs>,
     ) {
         let Rows { numbers, across, down, frame } = self.rows;
-        for x in xs.clone().step_by(N) {
+        let (shade, line) = (*shade, self.line);
+        let mut next = xs.start;
+        while next < xs.end {
+            let x = next;
+            next += N;
             let (gx, gy) = (steps(self.beside, across, x), steps(self.upright, down, x));
             let strong: [bool; N] = core::array::from_fn(|i| gx[i].abs() + gy[i].abs() >= flat);
             if N == 1 && !strong[0] {
                 continue;
             }
-            let Some((f, mut seen)) = self.line.group::<N, R>(frame, x, xs.end - x) else { continue };
+            let Some((f, mut seen)) = line.group::<N, R>(frame, x, xs.end - x) else { continue };
             if N > 1 {
                 seen = core::array::from_fn(|i| if strong[i] { seen[i] } else { 0.0 });
             }
             let t = pixels(self.pixels, numbers, x);
-            if let Some(pairs) = &mut pairs {
+            if let Some(pairs) = pairs.as_deref_mut() {
                 add_pairs(pairs, x - xs.start, [&t, &f], &seen);
             }
-            add_errors(errors, x - xs.start, shade, [&gx, &gy], [&t, &f], &seen);
+            add_errors(errors, x - xs.start, &shade, [&gx, &gy], [&t, &f], &seen);
         }
     }
 }
@@ -348,6 +359,7 @@ impl<const R: usize> Row<'_, R> {
 /// Positions of a row of template pixels in a plane of the frame. `from` holds the two numerators
 /// and the denominator of the first pixel's position, `step` their change from one pixel to the
 /// next.
+#[derive(Clone, Copy)]
 struct Scanline<'a> {
     plane: Plane<'a, u8>,
     from: [f32; 3],

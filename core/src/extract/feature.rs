@@ -231,6 +231,7 @@ impl Patch {
     }
 
     /// Brightness at the points, one after the other; of a point outside the plane no number.
+    #[inline(always)]
     fn luma_one_by_one(&self, view: &PyramidView<'_>) -> [f32; LUMA_POINTS.len()] {
         let plane = view.luma(self.level);
         LUMA_POINTS.map(|point| {

@@ -371,7 +371,7 @@ fn fill_chroma<F: Fn(usize) -> [i32; 3]>(w: usize, h: usize, a: &mut [i8], b: &m
     let width = w / 2;
     for (y, (a, b)) in (0..h / 2).zip(a.chunks_exact_mut(width).zip(b.chunks_exact_mut(width))) {
         let sums = row(y);
-        if VECTORS { fill_by_strips(a, b, sums) } else { fill_one_by_one(a, b, sums) }
+        if VECTORS { fill_by_strips(a, b, &sums) } else { fill_one_by_one(a, b, &sums) }
     }
 }
 
