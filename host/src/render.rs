@@ -1,18 +1,19 @@
-//! Renders camera frames of pictures, with poses that are known.
+//! Renders camera frames of pictures, with known poses.
 //!
-//! In: pictures, a pose for each, what the light and the camera do, and a seed.
-//! Out: a frame, and for each picture the homography from its pixels to the
-//! frame's. The pose goes through a pinhole camera, so that tilt shortens the far
-//! side more than the near one; pictures are averaged over the area that a pixel
-//! covers, so that small ones do not alias. Behind them lies a part of another
-//! picture, or dead leaves: disks and rectangles, each over the ones before, as many
-//! of side r as r^-3 says, which gives the edges at all scales that photographs have
-//! (A. Lee, D. Mumford, J. Huang, *Occlusion Models for Natural Images*, 2001).
+//! In: pictures, a pose for each, what the light and the camera do, and a seed. Out: a frame, and
+//! for each picture the homography from its pixels to the pixels of the frame.
+//!
+//! A pose goes through a pinhole camera, so that a tilt shortens the far side more than the near
+//! side. A picture is averaged over the area that a pixel covers, so that small pictures do not
+//! alias. The background is a part of another picture, or dead leaves: disks and rectangles that
+//! cover each other. The number of leaves with side r is proportional to r^-3, which gives edges at
+//! all scales, as photographs have (A. Lee, D. Mumford, J. Huang, *Occlusion Models for Natural
+//! Images*, 2001).
 //!
 //! `host/examples/render.rs` renders for other programs.
 //!
-//! The same seed gives the same bytes on every machine: random numbers are our
-//! own, floats see + - x / and square roots, which are rounded exactly, and
+//! A seed gives the same bytes on every machine. Random numbers come from [`crate::random`]. Floats
+//! are computed with + - x / and square roots, which are rounded exactly, and with
 //! [`keygraph_core::stages::math`].
 //!
 //! Memory: 12 bytes a frame pixel, twice while it is blurred. Cost: some 20 ms a
@@ -67,10 +68,9 @@ pub struct Pose {
 }
 
 impl Pose {
-    /// Picture px to frame px, for a picture of `size` px (width, height) and a
-    /// camera of focal length `focal_px`, whose optical axis meets the picture's
-    /// middle: elsewhere in the frame the picture is seen as in a part cut from a
-    /// larger frame.
+    /// The homography from picture px to frame px, for a picture of `size` px (width, height) and
+    /// a camera of focal length `focal_px`. The optical axis meets the middle of the picture. So a
+    /// picture that is not in the middle of the frame is seen as in a part of a larger frame.
     #[must_use]
     pub fn homography(&self, size: (f32, f32), focal_px: f32) -> Homography {
         let turn = |deg: f32| math::sin_cos(deg.to_radians());
@@ -102,7 +102,7 @@ pub struct Print {
 }
 
 impl Print {
-    /// Takes a copy of `picture`; of one larger than any frame, scaled down.
+    /// Takes a copy of `picture`. A picture that is larger than any frame is scaled down.
     #[must_use]
     pub fn new(picture: &Picture) -> Self {
         let (side, pixels) = Profile::Hd.limits();
@@ -120,7 +120,7 @@ impl Print {
         self.size
     }
 
-    /// The copy with two pixels for one of the frame, or as it is if it has fewer.
+    /// The copy, scaled down to two pixels for one pixel of the frame; unchanged if it has fewer.
     /// `scale` is frame px per picture px.
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "sizes of pictures")]
     fn at(&self, scale: f32) -> (usize, usize, Vec<u8>) {
@@ -217,16 +217,16 @@ impl Scene {
         }
     }
 
-    /// Lays a picture into the scene, over what is there; a camera with a field of
-    /// view of 53 degrees along the longer side. Gives picture px to frame px.
+    /// Lays a picture over the scene, as a camera sees it whose field of view is 53 degrees along
+    /// the longer side. Returns the homography from picture px to frame px.
     pub fn lay(&mut self, print: &Print, pose: &Pose) -> Homography {
         let h = pose.homography(print.size, self.focal_px());
         self.lay_at(print, &h);
         h
     }
 
-    /// Lays a picture into the scene where `h` (picture px to frame px) puts it; one
-    /// that is seen edge on is not laid.
+    /// Lays a picture over the scene where `h` (picture px to frame px) puts it. A picture that is
+    /// seen edge on leaves the scene unchanged.
     pub fn lay_at(&mut self, print: &Print, h: &Homography) {
         self.lay_within(print, h, [0..self.width, 0..self.height]);
     }
@@ -264,7 +264,7 @@ impl Scene {
         self.lay_within(print, &place, [span(x, x + w, self.width), span(y, y + h, self.height)]);
     }
 
-    /// [`Scene::lay_at`], within a rectangle of the frame's `columns` and `rows`.
+    /// Lays a picture as [`Scene::lay_at`] does, but only within `columns` and `rows` of the frame.
     fn lay_within(&mut self, print: &Print, h: &Homography, [columns, rows]: [Range<usize>; 2]) {
         let Some(back) = h.inverse() else { return };
         // The picture reaches half a pixel beyond the middle of its outer ones.
@@ -302,8 +302,8 @@ impl Scene {
         self.width.max(self.height) as f32
     }
 
-    /// A place for `pose` from which the whole picture of `size` px is seen,
-    /// anywhere in the frame; one that is too long for it sticks out on both sides.
+    /// A random place in the frame at which the whole picture of `size` px is seen in `pose`. A
+    /// picture that is too long for the frame sticks out on both sides.
     #[must_use]
     pub fn somewhere(&self, size: (f32, f32), pose: Pose, random: &mut Random) -> Pose {
         let outline = Pose { centre: [0.0; 2], ..pose }.homography(size, self.focal_px()).outline(size.0, size.1);
@@ -315,7 +315,7 @@ impl Scene {
         Pose { centre, ..pose }
     }
 
-    /// Multiplies red, green and blue, as a coloured lamp does.
+    /// Multiplies red, green and blue by a factor each, as a coloured lamp does.
     pub fn tint(&mut self, [red, green, blue]: [f32; 3]) {
         for pixel in &mut self.rgb {
             *pixel = [pixel[0] * red, pixel[1] * green, pixel[2] * blue];

@@ -30,7 +30,7 @@ const WITHOUT: [(&str, &[&str]); 3] = [
 
 /// A file of a package.
 struct Module {
-    /// Its path from the crate's root, such as `image::frame`.
+    /// Path of the file from the crate's root, such as `image::frame`.
     path: String,
     text: String,
 }

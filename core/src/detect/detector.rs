@@ -119,9 +119,11 @@ impl<P: Profile + ?Sized> Detector<P> {
         finder: Option<&mut dyn Finder>,
     ) -> Result<&[Detection], FrameError> {
         let limits = self.buffers.limits();
-        let plan =
-            Plan::new(Scope::from(model), model.method().parameters(), Wish { threshold, thorough: self.thorough });
-        detect(self.buffers.lend(), limits, frame, model, &plan, observer, finder)?;
+        let wish = Wish { threshold, thorough: self.thorough };
+        let plan = Plan::new(Scope::from(model), model.method().parameters(), wish);
+        let lent = cleared(self.buffers.lend());
+        check(frame, limits, &lent.pyramid)?;
+        detect(lent, frame, model, &plan, observer, finder)?;
         #[cfg(feature = "defmt")]
         self.log(model);
         Ok(self.detections())
@@ -248,15 +250,12 @@ fn check(frame: &Frame<'_>, limits: Limits, pyramid: &PyramidMut<'_>) -> Result<
 #[inline(never)]
 fn detect(
     lent: Lent<'_>,
-    limits: Limits,
     frame: &Frame<'_>,
     model: &Model<'_>,
     plan: &Plan,
     observer: &mut dyn Observer,
     finder: Option<&mut dyn Finder>,
 ) -> Result<(), FrameError> {
-    let lent = cleared(lent);
-    check(frame, limits, &lent.pyramid)?;
     let Lent { mut pyramid, scratch, mesh, corners, points, triples, keygraphs, features, spans, .. } = lent;
     let Lent { votes, bins, pairs, findings, tally, .. } = lent;
     let mut laps = Laps::new(observer);

@@ -145,10 +145,10 @@ impl Search<'_, '_> {
             let (v, from) = (model.view(v), from.map(Point::px));
             let o = model.object(usize::from(v.object));
             let weight = match rules.verify {
-                Some(least) => weight_of(&scene.pyramid, &o, &v, &from, &to, gray, least),
+                Some(least) => weight_of(likeness_at(&scene.pyramid, &o, &v, [&from, &to], gray), least),
                 None => Some(1),
             };
-            let Some(v) = weight.and_then(|w| cast(&o, &v, m, i, from, to, w)) else { continue };
+            let Some(v) = weight.and_then(|w| cast(&o, &v, m, i, [from, to], w)) else { continue };
             match votes.cast(v) {
                 Ok(()) => stats.kept += 1,
                 Err(_) => stats.dropped += 1,
@@ -304,18 +304,21 @@ fn similar(model: &Model<'_>, c: &Candidate) -> Detection {
     }
 }
 
-/// Weight of a match's vote, 1 to 16; `None` when the likeness of its surroundings is below
-/// `least`.
-fn weight_of(
+/// Likeness of the surroundings of a match, whose vertices are `from` in a view of the object and
+/// `to` in the frame, px.
+fn likeness_at(
     frame: &PyramidView<'_>,
     object: &Object<'_>,
     view: &View,
-    from: &[[f32; 2]; 3],
-    to: &[[f32; 2]; 3],
+    [from, to]: [&[[f32; 2]; 3]; 2],
     gray: bool,
-    least: f32,
-) -> Option<u8> {
+) -> f32 {
     let to_template = object.template.from_picture(object.width as f32, object.height as f32).after(&view.to_picture);
-    let l = likeness(frame, &object.template, &from.map(|p| to_template.apply_affine(p)), to, gray);
+    likeness(frame, &object.template, &from.map(|p| to_template.apply_affine(p)), to, gray)
+}
+
+/// Weight of the vote of a match with this likeness, 1 to 16; `None` when the likeness is below
+/// `least`.
+fn weight_of(l: f32, least: f32) -> Option<u8> {
     (l >= least).then(|| u8::try_from(math::round(1.0 + 15.0 * (l - least) / (2.0 - least))).unwrap_or(1))
 }

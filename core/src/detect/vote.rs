@@ -102,8 +102,7 @@ pub fn cast(
     view: &View,
     m: Match,
     frame_keygraph: u16,
-    from: [[f32; 2]; 3],
-    to: [[f32; 2]; 3],
+    [from, to]: [[[f32; 2]; 3]; 2],
     weight: u8,
 ) -> Option<Vote> {
     let object_size = math::sqrt(object.width as f32 * object.height as f32);

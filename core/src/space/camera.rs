@@ -149,7 +149,7 @@ impl PlanePose {
 
 /// Returns the two poses at which the camera sees a picture as `homography` (picture px to frame
 /// px) says. The picture has `size_px` (width, height) pixels, and its true width is `width_mm`.
-/// Its pixels are square and reach from -1/2 to width - 1/2.
+/// The pixels of the picture are square and reach from -1/2 to width - 1/2.
 ///
 /// # Errors
 /// Returns [`CameraError::Size`] when a size is not above zero or not finite. Returns
