@@ -27,7 +27,8 @@
 //! - A [`Tracker`] follows the objects from frame to frame for a small part of the cost.
 //! - A [`Trainer`] makes a model from a picture.
 //!
-//! These types stand at the root of the crate, with the types of their arguments and results.
+//! They stand at the root of the crate, with the types that a program needs to use them. Types that
+//! only those meet who look into the stages are in [`stages`].
 //!
 //! # The stages
 //!

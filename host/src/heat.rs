@@ -72,12 +72,6 @@ impl Heat {
         }
     }
 
-    /// The share of the picture that carries keygraphs, 0 to 1.
-    #[must_use]
-    pub fn carrying(&self) -> f32 {
-        self.density.iter().filter(|&&d| d > 0.0).count() as f32 / self.density.len() as f32
-    }
-
     /// Draws the picture, darkened, in the colours of the density.
     #[must_use]
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to a byte")]
@@ -130,7 +124,8 @@ mod tests {
         heat.add([[20.0, 20.0], [100.0, 170.0], [220.0, 30.0]]);
         let sum: f32 = heat.density.iter().sum();
         assert!((sum - 2.0).abs() < 0.05, "{sum}");
-        assert!((heat.carrying() - 0.5 * 200.0 * 145.0 / (256.0 * 192.0)).abs() < 0.03, "{}", heat.carrying());
+        let carrying = heat.density.iter().filter(|&&d| d > 0.0).count() as f32 / heat.density.len() as f32;
+        assert!((carrying - 0.5 * 200.0 * 145.0 / (256.0 * 192.0)).abs() < 0.03, "{carrying}");
     }
 
     #[test]

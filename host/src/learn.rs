@@ -27,7 +27,7 @@ pub enum Preset {
 impl Preset {
     /// The preset of the core, which holds what it means.
     #[must_use]
-    pub const fn of_core(self) -> keygraph_core::Preset {
+    pub const fn to_core(self) -> keygraph_core::Preset {
         match self {
             Self::Large => keygraph_core::Preset::Large,
             Self::Standard => keygraph_core::Preset::Standard,
@@ -39,7 +39,7 @@ impl Preset {
     /// Maximum size of a model in bytes.
     #[must_use]
     pub const fn bytes(self) -> usize {
-        self.of_core().bytes()
+        self.to_core().bytes()
     }
 }
 
@@ -84,7 +84,7 @@ pub fn train_within(
     let mut model = vec![0; bytes];
     let mut trainer = TRAINER.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
     let luma_only = luma_only || (preset != Preset::Paper && !has_colour(picture));
-    let params = preset.of_core().params(name, luma_only);
+    let params = preset.to_core().params(name, luma_only);
     let trained = trainer.train(&frame, (picture.width, picture.height), &params, &mut model)?;
     ensure!(trained.keygraphs.kept > 0, "{} bytes cannot hold one keygraph: allow more", model.len());
     model.truncate(trained.bytes);

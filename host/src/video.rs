@@ -24,8 +24,9 @@ pub struct VideoWriter {
     name: String,
     width: u32,
     height: u32,
-    /// Both are `None` once ffmpeg has failed.
+    /// The input of ffmpeg; `None` once ffmpeg has failed.
     pipe: Option<ChildStdin>,
+    /// The program; `None` once it has failed.
     ffmpeg: Option<Ffmpeg>,
 }
 

@@ -54,10 +54,6 @@ const SHORT_WAY: f32 = 1.0;
 /// px), goes from coarse to fine, and returns the homography that most blocks support. A hidden
 /// half can pull a right pose away: such a step is not taken.
 ///
-/// The method is inverse compositional Gauss-Newton (S. Baker, I. Matthews, *Lucas-Kanade 20 Years
-/// On*, IJCV 2004), with zero mean and unit spread in each block, and blocks weighted by how well
-/// they correlate.
-///
 /// `None` when too few blocks agree for any step to improve the pose.
 #[must_use]
 pub fn refine(

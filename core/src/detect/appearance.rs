@@ -14,7 +14,7 @@ use crate::base::math;
 use crate::base::sort::sort;
 use crate::detect::light::{BLOCKS, Light, Moments, Shade, agreement};
 use crate::detect::overlay::{Overlay, block_ranges, every, number};
-use crate::detect::verify::{CHROMA_NOISE, Counts};
+use crate::detect::verify::{CHROMA_NOISE, Products};
 use crate::image::frame::NO_CHROMA;
 use crate::image::plane::{Plane, nearest};
 use crate::image::pyramid::{PyramidView, into_level, out_of_level};
@@ -223,7 +223,7 @@ fn chroma_correlation(view: &PyramidView<'_>, template: &Template<'_>, h: &Homog
     let source = template.chroma(0);
     // Chroma px are twice as large in template and frame, so the same level fits.
     let to = into_level(level + 1).after(&h.after(&Homography::affine([2.0, 0.0, 0.5, 0.0, 2.0, 0.5])));
-    let mut sums = Counts::default();
+    let mut sums = Products::default();
     // Every second pixel is enough for this correlation.
     for y in (0..ch).step_by(2) {
         for x in (0..cw).step_by(2) {

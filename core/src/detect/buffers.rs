@@ -43,6 +43,18 @@ const _: () = assert!(with_frame(size_of::<Qvga>(), 320 * 240) <= 480 << 10, "qv
 const _: () = assert!(with_frame(size_of::<Vga>(), 640 * 480) <= 4 << 20, "vga exceeds 4 MB");
 const _: () = assert!(with_frame(size_of::<Hd>(), 1280 * 720) <= 12 << 20, "hd exceeds 12 MB");
 
+/// The bytes of a profile that no [`Room`] counts.
+const fn rest(buffers: usize, rooms: &[Room; Buffer::COUNT]) -> usize {
+    let (mut rest, mut i) = (buffers, 0);
+    while i < Buffer::COUNT {
+        rest -= rooms[i].bytes;
+        i += 1;
+    }
+    rest
+}
+const _: () = assert!(rest(size_of::<Qqvga>(), &Qqvga::ROOMS) < 5 << 10, "the rest of a detector exceeds 5 KB");
+const _: () = assert!(rest(size_of::<Hd>(), &Hd::ROOMS) < 5 << 10, "the rest of a detector exceeds 5 KB");
+
 /// Size of the largest frame that fits a profile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

@@ -14,7 +14,7 @@ use crate::detect::evidence::Agreement;
 use crate::detect::finder::{Corners, Finder};
 use crate::detect::observer::{Laps, Observer, Output, Stats, Tally};
 use crate::detect::plan::{Plan, Scope, Wish};
-use crate::detect::scene::{Look, Scene, span, vertices};
+use crate::detect::scene::{Context, Scene, span, vertices};
 use crate::detect::search::Search;
 use crate::extract::corners::SCRATCH_ROWS;
 use crate::image::frame::{Frame, FrameError, Part};
@@ -276,7 +276,7 @@ fn detect(
         None => &mut ours,
     };
     let scene = Scene { pyramid, points, spans, keygraphs, features, corners, triples, coarse: 0, has_finest: false };
-    let look = Look { model, finder, tally, laps: &mut laps };
-    Search { look, scene, votes, bins, pairs, findings }.run(plan);
+    let context = Context { model, finder, tally, laps: &mut laps };
+    Search { context, scene, votes, bins, pairs, findings }.run(plan);
     Ok(())
 }

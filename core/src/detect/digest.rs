@@ -18,6 +18,7 @@ use crate::image::pyramid::PyramidView;
 
 /// Digest of a sequence of bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Digest(u32);
 
 impl Default for Digest {
@@ -99,6 +100,7 @@ impl Digest {
 
 /// Digests of the stages, each over all outputs of its stage in one frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Digests([Digest; Stage::COUNT]);
 
 impl Digests {

@@ -9,7 +9,7 @@
 
 use heapless::VecView;
 
-use crate::base::capacity::{DETECTIONS, LEVELS};
+use crate::base::capacity::{DETECTIONS, LEVELS, id};
 use crate::base::geometry::{Homography, area, contains};
 use crate::base::math;
 use crate::detect::appearance::Appearance;
@@ -99,8 +99,7 @@ pub(crate) fn weigh(scene: &Scene<'_>, votes: &Votes<VecView<Vote>>, model: &Mod
             evidence.agreeing += u32::from(v.weight);
         }
     }
-    // The number fits: there are fewer than 65,536 keygraphs.
-    evidence.keygraphs = u16::try_from(scene.keygraphs.iter().filter(|k| within(k)).count()).unwrap_or(u16::MAX);
+    evidence.keygraphs = id(scene.keygraphs.iter().filter(|k| within(k)).count());
     d.score = score(&d.appearance, &evidence);
 }
 

@@ -36,10 +36,13 @@ impl Moments {
 /// Light of a block: its mean and spread in template and frame, and the weight of the block.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Shade {
+    /// Reciprocal of the spread of the template.
     pub(crate) scale_t: f32,
+    /// Reciprocal of the spread of the frame.
     pub(crate) scale_f: f32,
     /// Difference between the mean of the template and the mean of the frame, each times its scale.
     pub(crate) offset: f32,
+    /// Weight of the block, 0 to 1: its agreement.
     pub(crate) weight: f32,
     /// Minimum step of a pixel that counts, gray levels: the sum of its absolute steps along the
     /// row and across it.

@@ -84,7 +84,7 @@ fn renew(light: &mut [Shade], pairs: &RowOfPairs) {
     }
 }
 
-/// What is known of the light when errors are summed.
+/// Whether the light of the blocks is known when errors are summed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Lit {
     /// The light is unknown: each row of blocks is read twice, first for its light.

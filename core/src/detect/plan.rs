@@ -17,6 +17,7 @@ use crate::model::parse::Model;
 
 /// Properties of a model that a plan depends on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Scope {
     /// Number of objects in the model.
     pub objects: usize,
@@ -34,6 +35,7 @@ impl From<&Model<'_>> for Scope {
 
 /// What the caller wishes of a search.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Wish {
     /// Minimum score of a detection.
     pub threshold: f32,
@@ -43,6 +45,7 @@ pub struct Wish {
 
 /// Pyramid levels of the frame that a step compares.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Levels {
     /// All levels above the finest: they have a quarter of the pixels.
     Coarse,
@@ -52,6 +55,7 @@ pub enum Levels {
 
 /// Condition under which a step is taken. When the condition fails, the round ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum When {
     /// The step is always taken.
     Always,
@@ -62,6 +66,7 @@ pub enum When {
 
 /// Time at which votes become supporters of the detections.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Settle {
     /// Votes are never settled: nothing else is searched for.
     Never,
@@ -74,6 +79,7 @@ pub enum Settle {
 
 /// One step of a search.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Step {
     /// Tier of the model whose keygraphs are compared.
     pub tier: Tier,

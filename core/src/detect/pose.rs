@@ -23,7 +23,7 @@ use crate::model::parse::Model;
 
 /// A vertex of the model and the frame corner that a match pairs it with, both in normalised
 /// coordinates.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Pair {
     /// Position in the picture, normalised.
@@ -171,7 +171,8 @@ pub fn collect_pairs(
 }
 
 /// Strength of the pulls on a fit, which count against what few pairs say.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Prior {
     /// Pull towards the shape that the fit started from.
     pub shape: f32,

@@ -40,15 +40,15 @@ pub(crate) fn vertices(points: &[Point], k: &Keygraph) -> [(u16, [f32; 2]); 3] {
     k.vertices.map(|v| (v, to_level0(points[usize::from(v)], usize::from(k.level))))
 }
 
-/// What a level is searched with.
-pub(crate) struct Look<'a, 'o> {
+/// The model, the finder and the counts that the search of a level works with.
+pub(crate) struct Context<'a, 'o> {
     pub(crate) model: &'a Model<'a>,
     pub(crate) finder: &'a mut dyn Finder,
     pub(crate) tally: &'a mut Tally,
     pub(crate) laps: &'a mut Laps<'o>,
 }
 
-/// What a frame shows.
+/// The keypoints and keygraphs of a frame, as far as its levels have been searched.
 pub(crate) struct Scene<'a> {
     pub(crate) pyramid: PyramidView<'a>,
     /// Keypoints of all levels, in the order in which the levels were searched.
@@ -69,46 +69,46 @@ pub(crate) struct Scene<'a> {
 
 impl Scene<'_> {
     /// Finds the keygraphs of the levels above the finest, and their features.
-    pub(crate) fn find_coarse(&mut self, look: &mut Look<'_, '_>) {
+    pub(crate) fn find_coarse(&mut self, context: &mut Context<'_, '_>) {
         for level in FINEST + 1..LEVELS {
-            self.find_level(level, look);
+            self.find_level(level, context);
         }
-        self.extract_features(0, look);
+        self.extract_features(0, context);
         self.coarse = self.keygraphs.len();
     }
 
     /// Returns the keygraphs of some levels, as a range of indices. The first call for the finest
     /// level finds its keygraphs.
-    pub(crate) fn keygraphs_of(&mut self, levels: Levels, look: &mut Look<'_, '_>) -> Range<usize> {
+    pub(crate) fn keygraphs_of(&mut self, levels: Levels, context: &mut Context<'_, '_>) -> Range<usize> {
         if levels == Levels::Coarse {
             return 0..self.coarse;
         }
         if !self.has_finest {
             self.has_finest = true;
-            self.find_level(FINEST, look);
-            self.extract_features(self.coarse, look);
+            self.find_level(FINEST, context);
+            self.extract_features(self.coarse, context);
         }
         self.coarse..self.keygraphs.len()
     }
 
     /// Finds the keygraphs of a level.
-    fn find_level(&mut self, level: usize, look: &mut Look<'_, '_>) {
-        self.find_keypoints(level, look);
-        look.laps.end(look.tally, Output::Corners(&self.points[span(self.spans, level)]));
-        self.find_triples(level, look);
-        look.laps.end(look.tally, Output::Triangles(self.triples));
+    fn find_level(&mut self, level: usize, context: &mut Context<'_, '_>) {
+        self.find_keypoints(level, context);
+        context.laps.end(context.tally, Output::Corners(&self.points[span(self.spans, level)]));
+        self.find_triples(level, context);
+        context.laps.end(context.tally, Output::Triangles(self.triples));
         let first = self.keygraphs.len();
-        self.find_keygraphs(level, look);
-        look.laps.end(look.tally, Output::Keygraphs(&self.keygraphs[first..]));
+        self.find_keygraphs(level, context);
+        context.laps.end(context.tally, Output::Keygraphs(&self.keygraphs[first..]));
     }
 
     #[inline(never)]
-    fn find_keypoints(&mut self, level: usize, look: &mut Look<'_, '_>) {
+    fn find_keypoints(&mut self, level: usize, context: &mut Context<'_, '_>) {
         self.corners.clear();
-        let (start, tally) = (self.points.len(), &mut *look.tally);
+        let (start, tally) = (self.points.len(), &mut *context.tally);
         let luma = self.pyramid.luma(level);
         if luma.width().min(luma.height()) >= 8 {
-            let mut stats = look.finder.keypoints(luma, level, self.corners);
+            let mut stats = context.finder.keypoints(luma, level, self.corners);
             let held = self.corners.capacity().min(stats.seen as usize).max(self.corners.len());
             tally.mark(Buffer::Corners, held);
             tally.mark(Buffer::Triangulation, self.corners.len());
@@ -125,30 +125,30 @@ impl Scene<'_> {
     }
 
     #[inline(never)]
-    fn find_triples(&mut self, level: usize, look: &mut Look<'_, '_>) {
+    fn find_triples(&mut self, level: usize, context: &mut Context<'_, '_>) {
         self.triples.clear();
-        let stats = look.finder.triples(&self.points[span(self.spans, level)], self.triples);
-        look.tally.mark(Buffer::Triples, self.triples.len());
-        look.tally.add(Stage::Delaunay, stats);
+        let stats = context.finder.triples(&self.points[span(self.spans, level)], self.triples);
+        context.tally.mark(Buffer::Triples, self.triples.len());
+        context.tally.add(Stage::Delaunay, stats);
     }
 
-    fn find_keygraphs(&mut self, level: usize, look: &mut Look<'_, '_>) {
+    fn find_keygraphs(&mut self, level: usize, context: &mut Context<'_, '_>) {
         let range = span(self.spans, level);
         let (first, n) = (id(range.start), id(range.len()));
         // A finder of the caller may err: triples with indices out of range are left out.
         self.triples.retain(|t| t.iter().all(|&v| v < n));
-        let rule = &look.model.method().parameters().scalene;
+        let rule = &context.model.method().parameters().scalene;
         let level = u8::try_from(level).unwrap_or(0);
         let stats = collect_keygraphs(&self.points[range], self.triples, rule, first, level, self.keygraphs);
-        look.tally.mark(Buffer::Keygraphs, self.keygraphs.len());
-        look.tally.mark(Buffer::Features, self.keygraphs.len());
-        look.tally.add(Stage::Keygraphs, stats);
+        context.tally.mark(Buffer::Keygraphs, self.keygraphs.len());
+        context.tally.mark(Buffer::Features, self.keygraphs.len());
+        context.tally.add(Stage::Keygraphs, stats);
     }
 
     /// Extracts the features of the keygraphs from index `first` on.
     #[inline(never)]
-    fn extract_features(&mut self, first: usize, look: &mut Look<'_, '_>) {
-        let model = look.model;
+    fn extract_features(&mut self, first: usize, context: &mut Context<'_, '_>) {
+        let model = context.model;
         for (k, f) in self.keygraphs.iter().zip(&mut *self.features).skip(first) {
             let points = k.vertices.map(|v| self.points[usize::from(v)]);
             *f = extract(
@@ -161,8 +161,8 @@ impl Scene<'_> {
             );
         }
         let n = count(self.keygraphs.len() - first);
-        look.tally.add(Stage::Features, StageStats { seen: n, kept: n, dropped: 0 });
+        context.tally.add(Stage::Features, StageStats { seen: n, kept: n, dropped: 0 });
         let features = &self.features[first..self.keygraphs.len()];
-        look.laps.end(look.tally, Output::Features(features, model.feature_bytes()));
+        context.laps.end(context.tally, Output::Features(features, model.feature_bytes()));
     }
 }

@@ -21,12 +21,12 @@ use crate::detect::align::refine;
 use crate::detect::appearance::appearance;
 use crate::detect::classify::{Match, NEIGHBOURS, classify};
 use crate::detect::detection::{Detection, Detections};
-use crate::detect::evidence::{accept, is_found, settle, weigh};
-use crate::detect::hough::{Bin, Candidate, find_candidates};
+use crate::detect::evidence::{self, is_found, weigh};
+use crate::detect::hough::{self, Bin, Candidate};
 use crate::detect::observer::Output;
 use crate::detect::plan::{Plan, Settle, Step, When};
-use crate::detect::pose::{Normalised, PRIORS, Pair, Prior, collect_pairs, count_agreeing, grow, start};
-use crate::detect::scene::{Look, Scene, vertices};
+use crate::detect::pose::{self, Normalised, PRIORS, Pair, Prior, collect_pairs, count_agreeing};
+use crate::detect::scene::{Context, Scene, vertices};
 use crate::detect::verify::likeness;
 use crate::detect::vote::{Vote, Votes, cast};
 use crate::extract::feature::FeatureKind;
@@ -57,7 +57,7 @@ impl Findings {
 
 /// State of a search.
 pub(crate) struct Search<'a, 'o> {
-    pub(crate) look: Look<'a, 'o>,
+    pub(crate) context: Context<'a, 'o>,
     pub(crate) scene: Scene<'a>,
     pub(crate) votes: &'a mut Votes<VecView<Vote>>,
     pub(crate) bins: &'a mut [Bin],
@@ -68,7 +68,7 @@ pub(crate) struct Search<'a, 'o> {
 impl Search<'_, '_> {
     /// Runs the steps of a plan.
     pub(crate) fn run(&mut self, plan: &Plan) {
-        self.scene.find_coarse(&mut self.look);
+        self.scene.find_coarse(&mut self.context);
         for round in 0..plan.rounds() {
             // Weight of the heaviest candidate that the last decision left open.
             let mut open = None;
@@ -103,20 +103,20 @@ impl Search<'_, '_> {
 
     /// Finds the matches of a step, and casts their votes.
     fn gather_votes(&mut self, step: &Step) {
-        let keygraphs = self.scene.keygraphs_of(step.levels, &mut self.look);
+        let keygraphs = self.scene.keygraphs_of(step.levels, &mut self.context);
         for first in keygraphs.clone().step_by(CHUNK) {
             self.find_matches(step, first..keygraphs.end.min(first + CHUNK));
-            self.look.laps.end(self.look.tally, Output::Matches(&self.findings.matches));
+            self.context.laps.end(self.context.tally, Output::Matches(&self.findings.matches));
             let first = self.votes.all().len();
             self.cast_votes();
-            self.look.laps.end(self.look.tally, Output::Votes(&self.votes.all()[first..]));
+            self.context.laps.end(self.context.tally, Output::Votes(&self.votes.all()[first..]));
         }
     }
 
     /// Finds the matches of a chunk of keygraphs.
     #[inline(never)]
     fn find_matches(&mut self, step: &Step, chunk: Range<usize>) {
-        let Self { scene, findings: Findings { matches, detections, .. }, look, .. } = self;
+        let Self { scene, findings: Findings { matches, detections, .. }, context, .. } = self;
         matches.clear();
         let seen = count(chunk.len());
         for i in chunk {
@@ -125,18 +125,18 @@ impl Search<'_, '_> {
             if step.tier.object().is_some_and(|o| is_found(detections, o, at)) {
                 continue;
             }
-            let nearest = classify(look.model, step.tier, k, &scene.features[i], &step.matching);
+            let nearest = classify(context.model, step.tier, k, &scene.features[i], &step.matching);
             // All matches fit: a keygraph has at most NEIGHBOURS of them.
             matches.extend(nearest.into_iter().flatten().map(|m| (id(i), m)));
         }
-        look.tally.add(Stage::Classify, StageStats { seen, kept: count(matches.len()), dropped: 0 });
+        context.tally.add(Stage::Classify, StageStats { seen, kept: count(matches.len()), dropped: 0 });
     }
 
-    /// Casts the votes of the matches whose surroundings look alike.
+    /// Casts the votes of the matches whose surroundings context alike.
     #[inline(never)]
     fn cast_votes(&mut self) {
-        let Self { scene, votes, findings: Findings { matches, .. }, look, .. } = self;
-        let (model, rules) = (look.model, look.model.method().parameters());
+        let Self { scene, votes, findings: Findings { matches, .. }, context, .. } = self;
+        let (model, rules) = (context.model, context.model.method().parameters());
         let gray = model.feature() == FeatureKind::Luma;
         let mut stats = StageStats { seen: count(matches.len()), ..StageStats::default() };
         for &(i, m) in matches.iter() {
@@ -154,8 +154,8 @@ impl Search<'_, '_> {
                 Err(_) => stats.dropped += 1,
             }
         }
-        look.tally.mark(Buffer::Votes, votes.all().len());
-        look.tally.add(Stage::Verify, stats);
+        context.tally.mark(Buffer::Votes, votes.all().len());
+        context.tally.add(Stage::Verify, stats);
     }
 
     /// Turns open votes into detections. Returns the weight of the heaviest candidate that lies
@@ -166,7 +166,7 @@ impl Search<'_, '_> {
             // A keygraph counts once in a bin: its votes must be next to each other.
             sort_by_key(self.votes.open_mut(), |v| (v.frame_keygraph, v.model_keygraph));
             self.find_candidates();
-            self.look.laps.end(self.look.tally, Output::Candidates(&self.findings.candidates));
+            self.context.laps.end(self.context.tally, Output::Candidates(&self.findings.candidates));
             let Findings { candidates, detections, .. } = &mut *self.findings;
             candidates.retain(|c| !is_found(detections, c.object, c.pose.centre));
             self.examine(bar);
@@ -186,18 +186,18 @@ impl Search<'_, '_> {
     /// Finds the poses with the most open votes.
     #[inline(never)]
     fn find_candidates(&mut self) {
-        let rules = self.look.model.method().parameters();
+        let rules = self.context.model.method().parameters();
         let candidates = &mut self.findings.candidates;
-        let stats = find_candidates(self.votes.open(), &rules.voting, self.bins, candidates);
+        let stats = hough::find_candidates(self.votes.open(), &rules.voting, self.bins, candidates);
         candidates.truncate(rules.candidates);
-        self.look.tally.add(Stage::Vote, stats);
-        self.look.tally.mark(Buffer::Bins, self.bins.iter().filter(|b| !b.is_free()).count());
+        self.context.tally.add(Stage::Vote, stats);
+        self.context.tally.mark(Buffer::Bins, self.bins.iter().filter(|b| !b.is_free()).count());
     }
 
     /// Turns the candidates into poses, and keeps those with enough evidence.
     #[inline(never)]
     fn examine(&mut self, bar: &Bar) {
-        let (model, rules) = (self.look.model, self.look.model.method().parameters());
+        let (model, rules) = (self.context.model, self.context.model.method().parameters());
         for i in 0..self.findings.candidates.len() {
             let candidate = self.findings.candidates[i];
             if candidate.weight < bar.weight {
@@ -215,7 +215,7 @@ impl Search<'_, '_> {
             } else {
                 self.accept(&similar(model, &candidate), bar.score);
             }
-            self.look.laps.end(self.look.tally, Output::Detections(&self.findings.detections));
+            self.context.laps.end(self.context.tally, Output::Detections(&self.findings.detections));
         }
     }
 
@@ -227,9 +227,9 @@ impl Search<'_, '_> {
         let mut best: Option<Detection> = None;
         for prior in PRIORS {
             let grown = self.grow(candidate.object, map, start, prior);
-            self.look.laps.end(self.look.tally, Output::Grown(grown.as_ref()));
+            self.context.laps.end(self.context.tally, Output::Grown(grown.as_ref()));
             let aligned = grown.as_ref().and_then(|d| self.align(d));
-            self.look.laps.end(self.look.tally, Output::Aligned(aligned.as_ref()));
+            self.context.laps.end(self.context.tally, Output::Aligned(aligned.as_ref()));
             if support(&aligned) > support(&best) {
                 best = aligned;
             }
@@ -244,14 +244,14 @@ impl Search<'_, '_> {
     /// the map from which the candidate is grown.
     #[inline(never)]
     fn find_pairs(&mut self, candidate: &Candidate) -> (Normalised, Homography) {
-        let (scene, model, votes) = (&self.scene, self.look.model, self.votes.all());
+        let (scene, model, votes) = (&self.scene, self.context.model, self.votes.all());
         let corners = |i: u16| vertices(scene.points, &scene.keygraphs[usize::from(i)]);
-        let start = start(model, candidate, votes);
+        let start = pose::start(model, candidate, votes);
         let (map, lost) = collect_pairs(model, candidate, &start, votes, corners, self.pairs);
-        let stats = self.look.tally.of(Stage::Pose);
+        let stats = self.context.tally.of(Stage::Pose);
         stats.seen += 1;
         stats.dropped += lost.dropped;
-        self.look.tally.mark(Buffer::Pairs, self.pairs.len());
+        self.context.tally.mark(Buffer::Pairs, self.pairs.len());
         (map, start)
     }
 
@@ -259,11 +259,11 @@ impl Search<'_, '_> {
     /// or when the instance has been found already with at least as many agreeing corners.
     #[inline(never)]
     fn grow(&mut self, object: u16, map: &Normalised, start: &Homography, prior: Prior) -> Option<Detection> {
-        let homography = grow(start, map, self.pairs, prior)?;
-        self.look.tally.of(Stage::Pose).kept += 1;
+        let homography = pose::grow(start, map, self.pairs, prior)?;
+        self.context.tally.of(Stage::Pose).kept += 1;
         let d = Detection {
             agreeing: count_agreeing(map, self.pairs, &homography),
-            ..Detection::at(self.look.model, object, &homography)
+            ..Detection::at(self.context.model, object, &homography)
         };
         let known = self.findings.detections.iter().any(|t| d.is_twin(t) && t.agreeing >= d.agreeing);
         (d.is_plausible() && !known).then_some(d)
@@ -272,24 +272,24 @@ impl Search<'_, '_> {
     /// Aligns a grown pose to the frame; `None` when too few blocks agree.
     #[inline(never)]
     fn align(&mut self, d: &Detection) -> Option<Detection> {
-        self.look.tally.of(Stage::Accept).seen += 1;
-        let o = self.look.model.object(usize::from(d.object));
+        self.context.tally.of(Stage::Accept).seen += 1;
+        let o = self.context.model.object(usize::from(d.object));
         let (view, w, h) = (&self.scene.pyramid, o.width as f32, o.height as f32);
         let aligned = refine(view, &o.template, &d.homography, w, h)?;
         let appearance = appearance(view, &o.template, &aligned, w, h);
-        Some(Detection { appearance, ..Detection::at(self.look.model, d.object, &aligned) })
+        Some(Detection { appearance, ..Detection::at(self.context.model, d.object, &aligned) })
     }
 
     /// Keeps a detection if it scores at least `threshold` and is the best at its place.
     fn accept(&mut self, d: &Detection, threshold: f32) {
-        let lost = accept(&mut self.findings.detections, d, threshold);
-        let stats = self.look.tally.of(Stage::Accept);
+        let lost = evidence::accept(&mut self.findings.detections, d, threshold);
+        let stats = self.context.tally.of(Stage::Accept);
         stats.dropped += u32::from(lost);
         stats.kept = count(self.findings.detections.len());
     }
 
     fn settle(&mut self) {
-        settle(self.votes, &self.scene, &self.findings.detections, self.look.model);
+        evidence::settle(self.votes, &self.scene, &self.findings.detections, self.context.model);
     }
 }
 

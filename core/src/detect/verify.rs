@@ -95,7 +95,7 @@ fn sample(plane: &Plane<'_, u8>, [x, y]: [i32; 2]) -> Option<i32> {
 
 /// Sums of a correlation. They are exact for at most ten thousand pixels.
 #[derive(Clone, Copy, Default)]
-pub(crate) struct Counts {
+pub(crate) struct Products {
     n: i32,
     /// Sums over the template, then over the frame, each for one or two components.
     t: [i32; 2],
@@ -105,7 +105,7 @@ pub(crate) struct Counts {
     tf: i32,
 }
 
-impl Counts {
+impl Products {
     fn add(&mut self, t: i32, f: i32) {
         self.add_pair([t, 0], [f, 0]);
     }
@@ -157,12 +157,12 @@ impl Window {
     fn luma(&self, view: &PyramidView<'_>, template: &Template<'_>, level: usize, scale: f32, step: usize) -> f32 {
         let px = f32::from(1u8 << level);
         let source = template.luma(level);
-        let target = level_of(scale * px);
+        let target = level_for(scale * px);
         let plane = view.luma(target);
         let map = into_level(target).after(&self.map).after(&out_of_level(level));
         let [xs, ys] = self.pixels([source.width(), source.height()], px);
         let walk = Walk::new(&map, step);
-        let mut sums = Counts::default();
+        let mut sums = Products::default();
         for y in ys.step_by(step) {
             let row = source.row(y);
             let mut at = walk.start(xs.start, y);
@@ -182,12 +182,12 @@ impl Window {
         let level = level.saturating_sub(1);
         let px = f32::from(2u8 << level);
         let source = template.chroma(level);
-        let target = level_of(scale * px / 2.0);
+        let target = level_for(scale * px / 2.0);
         let planes = view.chroma(target);
         let map = into_level(target + 1).after(&self.map).after(&out_of_level(level + 1));
         let [xs, ys] = self.pixels([source[0].width(), source[0].height()], px);
         let walk = Walk::new(&map, 1);
-        let mut sums = Counts::default();
+        let mut sums = Products::default();
         for y in ys {
             let rows = source.map(|s| s.row(y));
             let mut at = walk.start(xs.start, y);
@@ -205,7 +205,7 @@ impl Window {
 }
 
 /// The pyramid level whose pixels have a side nearest to `px` px.
-fn level_of(px: f32) -> usize {
+fn level_for(px: f32) -> usize {
     const { assert!(LEVELS == 4) };
     [1.41, 2.83, 5.66].iter().filter(|&&v| px > v).count()
 }
@@ -226,7 +226,7 @@ pub fn likeness(
     let [p, q, r] = from;
     let side = math::coarse_sqrt(((q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])).abs() / 2.0);
     let half = (HALF_SIDE * side).max(LEAST_HALF_SIDE);
-    let level = level_of(2.0 * half / SIDE * 1.2);
+    let level = level_for(2.0 * half / SIDE * 1.2);
     // Frame px per template px.
     let scale = math::coarse_sqrt((a * e - b * d).abs());
     let middle = [0, 1].map(|i| (p[i] + q[i] + r[i]) / 3.0);

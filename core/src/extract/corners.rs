@@ -45,7 +45,8 @@ pub struct Corner {
 }
 
 /// Thresholds of the corner detector.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct CornerParams {
     /// Minimum strength as a fraction of the strength of the strongest corner, in 1/65536. This is
     /// OpenCV's `qualityLevel`, usually 0.01 (655). Raising it loses corners in the duller parts of

@@ -230,7 +230,8 @@ impl Patch {
         xs
     }
 
-    /// Brightness at the points, one after the other; of a point outside the plane no number.
+    /// Returns the brightness at each point, computed one after the other. The brightness of a
+    /// point outside of the plane is NaN.
     #[inline(always)]
     fn luma_one_by_one(&self, view: &PyramidView<'_>) -> [f32; LUMA_POINTS.len()] {
         let plane = view.luma(self.level);

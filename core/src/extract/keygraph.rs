@@ -30,7 +30,8 @@ pub const LARGEST_BINS: usize = 24;
 pub const BIN: u8 = 10;
 
 /// The rule that says which triples are keygraphs.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Scalene {
     /// Minimum angle, degrees. The angles of thin triangles are badly determined. The paper uses 5.
     pub min_angle_deg: f32,

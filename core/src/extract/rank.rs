@@ -19,6 +19,7 @@ use crate::extract::strength::LANES;
 
 /// The order in which corners are put.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Ranking {
     /// By suppression radius. Each prefix then covers the image evenly.
     Radius,

@@ -27,7 +27,7 @@ use core::ops::Range;
 
 use heapless::Vec;
 
-use crate::base::capacity::{DETECTIONS, LEVELS, Stage};
+use crate::base::capacity::{DETECTIONS, LEVELS, Stage, id};
 use crate::base::math;
 use crate::detect::appearance::Appearance;
 use crate::detect::buffers::Profile;
@@ -108,7 +108,7 @@ impl Tracker {
             detector.detect(frame, model, threshold, observer)?;
         } else {
             let part = self.part(frame, model);
-            corner = [&part.columns, &part.rows].map(|side| f32::from(u16::try_from(side.start).unwrap_or(u16::MAX)));
+            corner = [&part.columns, &part.rows].map(|side| f32::from(id(side.start)));
             detector.load_luma(frame, &part, observer)?;
         }
         // The model may differ from the model of the frame before.

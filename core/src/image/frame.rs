@@ -380,7 +380,8 @@ fn fill_chroma<F: Fn(usize) -> [i32; 3]>(w: usize, h: usize, a: &mut [i8], b: &m
 fn fill_one_by_one(a: &mut [i8], b: &mut [i8], sums: impl Fn(usize) -> [i32; 3]) {
     for (x, (a, b)) in a.iter_mut().zip(b).enumerate() {
         let [red, green, blue] = sums(x);
-        [*a, *b] = chroma_of([red, green, blue], red.max(green).max(blue));
+        let most = red.max(green).max(blue);
+        [*a, *b] = if most < 4 * DARK { [NO_CHROMA; 2] } else { chroma_of([red, green, blue], most) };
     }
 }
 
@@ -413,9 +414,6 @@ fn chroma<const N: usize>(sums: &[[i16; N]; 3], a: &mut [i8], b: &mut [i8]) {
 #[inline(always)]
 #[allow(clippy::cast_possible_truncation, reason = "within 127")]
 fn chroma_of([red, green, blue]: [i32; 3], most: i32) -> [i8; 2] {
-    if !VECTORS && most < 4 * DARK {
-        return [NO_CHROMA; 2];
-    }
     let k = 63.5 / most as f32;
     let along = (2 * red - (green + blue)) as f32 * k;
     let across = (green - blue) as f32 * (1.732_050_8 * k);

@@ -41,6 +41,7 @@ impl Method {
 
 /// Rule that says when a keygraph of the frame and one of the model match.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct MatchRule {
     /// Tolerance of the two largest angles, half-degrees, for a triangle with long sides. A larger
     /// value finds more objects under tilt and reads more of the model.
@@ -66,7 +67,8 @@ pub struct MatchRule {
 }
 
 /// Rule for counting votes in bins.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct VoteRule {
     /// Whether a vote near a bin border counts in the bins on both sides.
     pub soft: bool,
@@ -81,6 +83,7 @@ pub struct VoteRule {
 /// A detection is accepted when its candidate has at least `weight`, it scores at least `score`,
 /// and either its candidate has at least `heavy` or its blocks have at least `support`.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Bar {
     /// Minimum weight of a candidate that may become a detection.
     pub weight: u32,

@@ -112,7 +112,7 @@ fn each_object<'a, 'b>(models: &'b [Model<'a>]) -> impl Iterator<Item = (&'b Mod
     models.iter().flat_map(move |m| {
         let before = views;
         views += m.views();
-        (0..u16::try_from(m.objects()).unwrap_or(u16::MAX)).map(move |object| (m, object, before))
+        (0..id(m.objects())).map(move |object| (m, object, before))
     })
 }
 

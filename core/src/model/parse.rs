@@ -134,9 +134,14 @@ impl<'a> Template<'a> {
     /// [`template_bytes`].
     #[must_use]
     pub fn new(bytes: &'a [u8], width: usize, height: usize) -> Option<Self> {
-        let (luma, chroma) = bytes.split_at_checked(plane_bytes(width, height))?;
+        (bytes.len() == template_bytes(width, height)).then(|| Self::of(bytes, width, height))
+    }
+
+    /// The template in `bytes`, of which there are [`template_bytes`].
+    fn of(bytes: &'a [u8], width: usize, height: usize) -> Self {
+        let (luma, chroma) = bytes.split_at(plane_bytes(width, height));
         let (a, b) = chroma.split_at(chroma.len() / 2);
-        (bytes.len() == template_bytes(width, height)).then_some(Self { width, height, luma, chroma: [a, b] })
+        Self { width, height, luma, chroma: [a, b] }
     }
 
     /// Map from px of a picture of `width` x `height` px to px of level 0 of the template.
@@ -407,15 +412,13 @@ impl<'a> Model<'a> {
         let r = self.object_record(i);
         let (start, width, height) = self.template_place(i);
         let t = &self.bytes[self.layout.templates + start..][..template_bytes(width, height)];
-        let (luma, chroma) = t.split_at(plane_bytes(width, height));
-        let (a, b) = chroma.split_at(chroma.len() / 2);
         Object {
             name: core::str::from_utf8(trim(&r[..NAME_BYTES])).unwrap_or_default(),
             width: object::WIDTH.get(r),
             height: object::HEIGHT.get(r),
             triples: object::TRIPLES.get(r),
             keypoints: object::KEYPOINTS.get(r),
-            template: Template { width, height, luma, chroma: [a, b] },
+            template: Template::of(t, width, height),
         }
     }
 

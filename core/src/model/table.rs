@@ -11,6 +11,7 @@
 //! Memory: 45 KB. Cost: a few operations for each keygraph. Full: a keygraph without a place is not
 //! kept.
 
+use crate::base::capacity::count;
 use crate::extract::keygraph::{CELLS, COSTS};
 use crate::model::format::{ENTRY, START};
 
@@ -118,7 +119,7 @@ impl Table {
             let first = self.kept(cell, &first_cut, cap);
             let n = if tier == 0 { first } else { self.kept(cell, &cut, cap) - first };
             self.starts[slot] = start;
-            start += u32::try_from(n).unwrap_or(0);
+            start += count(n);
         }
         self.starts[2 * CELLS] = start;
         kept
