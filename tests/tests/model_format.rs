@@ -99,7 +99,7 @@ fn every_byte_damaged() {
             let error = error.unwrap_or_else(|| panic!("byte {at} ^ {flip} went unnoticed"));
             let right = match at {
                 0..4 => error == ModelError::NotAModel,
-                4..6 => matches!(error, ModelError::NewerVersion { .. }),
+                4..6 => matches!(error, ModelError::NewerVersion { .. } | ModelError::OlderVersion { .. }),
                 6..8 => error == ModelError::Inconsistent { section: "header" },
                 8..12 => matches!(error, ModelError::Truncated { .. } | ModelError::TrailingBytes { .. }),
                 _ => matches!(error, ModelError::Checksum { .. }),
@@ -123,13 +123,15 @@ fn appended_bytes() {
 
 #[test]
 fn other_versions() {
-    for version in [0, VERSION + 1, u16::MAX] {
+    for found in [0, VERSION - 1, VERSION + 1, u16::MAX] {
+        let error =
+            if found > VERSION { ModelError::NewerVersion { found } } else { ModelError::OlderVersion { found } };
         let mut bytes = MODEL.clone();
-        put(&mut bytes, 4, &version.to_le_bytes());
-        assert_eq!(Model::parse(&bytes).unwrap_err(), ModelError::NewerVersion { found: version });
-        // Whatever else a later version changes, the parser must report its number first.
+        put(&mut bytes, 4, &found.to_le_bytes());
+        assert_eq!(Model::parse(&bytes).unwrap_err(), error);
+        // Whatever else another version has changed, the parser must report its number first.
         put(&mut bytes, 6, &[0xff; 34]);
-        assert_eq!(Model::parse(&bytes[..100]).unwrap_err(), ModelError::NewerVersion { found: version });
+        assert_eq!(Model::parse(&bytes[..100]).unwrap_err(), error);
     }
 }
 
@@ -145,7 +147,8 @@ fn other_files() {
 fn every_message_says_what_to_do() {
     let table = [
         (ModelError::NotAModel, &["not a keygraph model", "keygraph train"][..]),
-        (ModelError::NewerVersion { found: 7 }, &["version 7", "update", "train again"]),
+        (ModelError::NewerVersion { found: 7 }, &["version 7", "newer", "update", "train again"]),
+        (ModelError::OlderVersion { found: 5 }, &["version 5", "older", "train again"]),
         (ModelError::Truncated { expected: 900, given: 31 }, &["900", "31", "copy it again"]),
         (ModelError::TrailingBytes { expected: 900, given: 931 }, &["900", "931", "copy it again"]),
         (
