@@ -21,6 +21,7 @@ impl<'a, T> Plane<'a, T> {
     ///
     /// # Panics
     /// Panics when there are fewer values.
+    #[inline(always)]
     pub(crate) fn of_first(data: &'a [T], width: usize, height: usize) -> Self {
         Self { data: &data[..width * height], width, height }
     }
