@@ -240,49 +240,7 @@ impl Normal {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::image::frame::{Frame, NO_CHROMA, PixelFormat};
-    use crate::image::halve::halve_luma;
-    use crate::image::pyramid::{Pyramid, plane_bytes, reduce_all};
-    use crate::model::format::template_bytes;
-    use std::prelude::rust_2024::*;
-    use std::vec;
-
-    const SIDE: usize = if cfg!(miri) { 48 } else { 96 };
-    const WIDTH: usize = 5 * SIDE / 2;
-    const HEIGHT: usize = 3 * WIDTH / 4;
-    /// Position of the object in the frame, px.
-    const PLACE: [f32; 2] = [WIDTH as f32 / 12.0, WIDTH as f32 / 8.0];
-
-    /// A texture without repetition.
-    fn texture(x: f32, y: f32) -> f32 {
-        128.0 + 50.0 * (x * 0.31 + (y * 0.17).sin() * 2.0).sin() + 50.0 * (y * 0.23 + (x * 0.11).cos() * 3.0).sin()
-    }
-
-    fn setup(hide: bool) -> (Box<Pyramid<60_000, 15_000>>, Vec<u8>, Homography) {
-        let h = Homography::affine([1.4, 0.3, PLACE[0], -0.3, 1.4, PLACE[1]]);
-        let inverse = h.inverse().unwrap();
-        let frame: Vec<u8> = (0..WIDTH * HEIGHT)
-            .map(|i| {
-                let [x, y] = inverse.apply([(i % WIDTH) as f32, (i / WIDTH) as f32]);
-                let hidden = hide && x < SIDE as f32 / 3.0;
-                (if hidden { 0.0 } else { texture(x, y) * 0.6 } + 10.0) as u8
-            })
-            .collect();
-        let mut p = Box::new(Pyramid::new());
-        p.planes_mut().load(&Frame::new(PixelFormat::Gray8, WIDTH, HEIGHT, &frame).unwrap()).unwrap();
-        p.planes_mut().reduce();
-        let mut template = vec![NO_CHROMA.cast_unsigned(); template_bytes(SIDE, SIDE)];
-        let luma = &mut template[..plane_bytes(SIDE, SIDE)];
-        for (i, t) in luma[..SIDE * SIDE].iter_mut().enumerate() {
-            *t = texture((i % SIDE) as f32, (i / SIDE) as f32) as u8;
-        }
-        reduce_all(luma, SIDE, SIDE, halve_luma);
-        (p, template, h)
-    }
-
-    fn template(data: &[u8]) -> Template<'_> {
-        Template::new(data, SIDE, SIDE).unwrap()
-    }
+    use crate::detect::appearance::tests::{PLACE, SIDE, setup, template};
 
     #[test]
     fn refining_brings_a_rough_pose_within_a_quarter_of_a_pixel() {

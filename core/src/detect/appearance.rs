@@ -240,7 +240,7 @@ fn chroma_correlation(view: &PyramidView<'_>, template: &Template<'_>, h: &Homog
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use crate::image::frame::{Frame, PixelFormat};
     use crate::image::halve::halve_luma;
@@ -249,18 +249,18 @@ mod tests {
     use std::prelude::rust_2024::*;
     use std::vec;
 
-    const SIDE: usize = if cfg!(miri) { 48 } else { 96 };
+    pub(crate) const SIDE: usize = if cfg!(miri) { 48 } else { 96 };
     const WIDTH: usize = 5 * SIDE / 2;
     const HEIGHT: usize = 3 * WIDTH / 4;
     /// Position of the object in the frame, px.
-    const PLACE: [f32; 2] = [WIDTH as f32 / 12.0, WIDTH as f32 / 8.0];
+    pub(crate) const PLACE: [f32; 2] = [WIDTH as f32 / 12.0, WIDTH as f32 / 8.0];
 
     /// A texture without repetition.
     fn texture(x: f32, y: f32) -> f32 {
         128.0 + 50.0 * (x * 0.31 + (y * 0.17).sin() * 2.0).sin() + 50.0 * (y * 0.23 + (x * 0.11).cos() * 3.0).sin()
     }
 
-    fn setup(hide: bool) -> (Box<Pyramid<60_000, 15_000>>, Vec<u8>, Homography) {
+    pub(crate) fn setup(hide: bool) -> (Box<Pyramid<60_000, 15_000>>, Vec<u8>, Homography) {
         let h = Homography::affine([1.4, 0.3, PLACE[0], -0.3, 1.4, PLACE[1]]);
         let inverse = h.inverse().unwrap();
         let frame: Vec<u8> = (0..WIDTH * HEIGHT)
@@ -282,7 +282,7 @@ mod tests {
         (p, template, h)
     }
 
-    fn template(data: &[u8]) -> Template<'_> {
+    pub(crate) fn template(data: &[u8]) -> Template<'_> {
         Template::new(data, SIDE, SIDE).unwrap()
     }
 
