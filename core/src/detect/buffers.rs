@@ -175,17 +175,7 @@ impl<
 /// `dyn Profile` stands for any profile when a program chooses it at run time.
 pub trait Profile: Lend + fmt::Debug {}
 
-impl<
-    const LUMA: usize,
-    const CHROMA: usize,
-    const SIDE: usize,
-    const CORNERS: usize,
-    const POINTS: usize,
-    const KEYGRAPHS: usize,
-    const BINS: usize,
-> Profile for Buffers<LUMA, CHROMA, SIDE, CORNERS, POINTS, KEYGRAPHS, BINS>
-{
-}
+impl<B: Lend + fmt::Debug> Profile for B {}
 
 /// All buffers as views, for a search.
 #[derive(Debug)]
