@@ -17,7 +17,7 @@ use crate::learn::{Preset, merge, train};
 use crate::progress::Progress;
 use crate::render::{RIGHT, corner_error};
 use crate::run::{Options, default_threads, run};
-use crate::search::Profile;
+use crate::search::{Profile, Request};
 
 /// The objects of the sequence. Each has a picture with its name.
 pub const OBJECTS: [&str; 2] = ["astronaut", "coffee"];
@@ -114,15 +114,11 @@ fn search_sequence(model: &Model<'_>, sequence: &Path, frames: &Path) -> Result<
     let progress = Progress::new(source.len_hint(), "frames");
     let mut gallery = Gallery::new(frames, &inputs)?;
     let options = Options {
-        profile: Profile::Vga,
-        threshold: DEFAULT_THRESHOLD,
+        request: Request::new(Profile::Vga, DEFAULT_THRESHOLD),
         threads: default_threads(),
         track: false,
         annotate: true,
         calibration: None,
-        format: None,
-        thorough: false,
-        digests: false,
     };
     let mut tallies = [Tally::default(); 2];
     let mut times = Vec::new();

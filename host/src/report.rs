@@ -55,6 +55,10 @@ pub fn frame_line(
         .map(|(i, d)| {
             let track = found.tracking.as_ref().map(|t| t.seen[i]);
             let mut entry = detection_object(model, d, track.map_or(State::Found, |(_, state)| state));
+            if let Some(rivals) = found.rivals.get(i) {
+                let name = |&(object, score): &(u16, f32)| json!({"object": model.object(usize::from(object)).name, "score": rounded(score, 6)});
+                entry["rivals"] = rivals.iter().map(name).collect();
+            }
             if let Some((id, _)) = track {
                 entry["id"] = json!(id);
             }
@@ -98,7 +102,8 @@ fn detection_object(model: &Model<'_>, d: &Detection, state: State) -> Value {
     json!({
         "object": model.object(usize::from(d.object)).name,
         "state": state.name(),
-        "score": rounded(d.score, 4),
+        "score": rounded(d.score, 6),
+        "visible": rounded(d.appearance.visible, 3),
         "homography": d.homography.0.map(f64::from),
         "corners": d.corners.map(|p| p.map(|v| rounded(v, 3))),
         "votes": d.votes,

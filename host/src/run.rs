@@ -13,33 +13,25 @@ use std::sync::mpsc::{Receiver, channel};
 use std::thread;
 
 use anyhow::{Context, Result, anyhow};
-use keygraph_core::{Model, PixelFormat, PlanePose};
+use keygraph_core::{Model, PlanePose};
 
 use crate::annotate::{Canvas, Outline, colour, draw_axes, draw_corners, draw_label, draw_outline, draw_triangles};
 use crate::input::{Kind, Pending, Picture, Source, SourceFrame};
 use crate::pose::Calibration;
-use crate::search::{Found, MAX_THREADS, Profile, Request, search_for};
+use crate::search::{Found, MAX_THREADS, Request, search_for};
 use crate::trail::Trail;
 
 /// How frames are searched.
 #[derive(Clone, Copy, Debug)]
 pub struct Options<'a> {
-    /// Size of the detector.
-    pub profile: Profile,
-    /// Minimum score of a detection, 0 to 1.
-    pub threshold: f32,
+    /// How each frame is searched.
+    pub request: Request,
     /// Frames searched at once, 1 to [`MAX_THREADS`]. Tracking uses one thread.
     pub threads: usize,
     /// Whether to follow objects from frame to frame.
     pub track: bool,
     /// Whether to draw the results into the frames.
     pub annotate: bool,
-    /// The format of a sensor to which frames are converted.
-    pub format: Option<PixelFormat>,
-    /// Whether to search all of each frame for all of the model.
-    pub thorough: bool,
-    /// Whether to report digests of the stages.
-    pub digests: bool,
     /// Intrinsics and widths; `None` when no poses are wanted.
     pub calibration: Option<&'a Calibration>,
 }
@@ -182,8 +174,7 @@ fn search_one(
 ) -> Outcome {
     let SourceFrame { source, frame, kind, picture } = frame;
     let result = picture.and_then(|p| {
-        let Options { profile, threshold, annotate: details, format, thorough, digests, .. } = *options;
-        let request = Request { profile, threshold, details, format, thorough, digests };
+        let request = Request { details: options.annotate, ..options.request };
         let found = match trail {
             Some(trail) => trail.next(sequence(&source, kind, (p.width, p.height)), &p, model, &request, slot),
             None => search_for(&p, model, &request, slot),

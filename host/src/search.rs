@@ -122,6 +122,9 @@ pub fn prepare(picture: &Picture, profile: Profile, format: Option<PixelFormat>)
 pub struct Found {
     /// Detections, best score first.
     pub detections: Vec<Detection>,
+    /// For each detection: the other objects that could be at its place, and their scores, best
+    /// first. It is empty for a frame of a sequence.
+    pub rivals: Vec<Vec<(u16, f32)>>,
     /// Counts and times of the stages; ticks are nanoseconds.
     pub stats: Stats,
     /// Time from the decoded pixels to the detections, ns.
@@ -158,6 +161,7 @@ impl Found {
     pub const fn new(detections: Vec<Detection>, stats: Stats) -> Self {
         Self {
             detections,
+            rivals: Vec::new(),
             stats,
             total_ns: 0,
             corners: Vec::new(),
@@ -204,6 +208,10 @@ pub struct Request {
     pub profile: Profile,
     /// Minimum score of a detection, 0 to 1.
     pub threshold: f32,
+    /// Minimum share of an object that must be seen, 0 to 1.
+    pub min_visible: f32,
+    /// Whether to report all names at a place, and not the best alone.
+    pub all_names: bool,
     /// Whether to report corners, keygraphs and supporters.
     pub details: bool,
     /// The format of a sensor to which pixels are converted; `None` takes them as they were
@@ -214,6 +222,14 @@ pub struct Request {
     pub thorough: bool,
     /// Whether to report digests. Frames of a sequence have none.
     pub digests: bool,
+}
+
+/// Parses the minimum share of an object that must be seen, 0 to 1.
+///
+/// # Errors
+/// When `text` is no number from 0 to 1.
+pub fn parse_share(text: &str) -> Result<f32, String> {
+    text.parse().ok().filter(|v| (0.0..=1.0).contains(v)).ok_or_else(|| "a share lies between 0 and 1".into())
 }
 
 /// Parses the minimum score of a detection, 0 to 1.
@@ -228,7 +244,16 @@ impl Request {
     /// A request for detections alone, on pixels as they were decoded.
     #[must_use]
     pub const fn new(profile: Profile, threshold: f32) -> Self {
-        Self { profile, threshold, details: false, format: None, thorough: false, digests: false }
+        Self {
+            profile,
+            threshold,
+            min_visible: 0.0,
+            all_names: false,
+            details: false,
+            format: None,
+            thorough: false,
+            digests: false,
+        }
     }
 }
 
@@ -271,8 +296,15 @@ fn search_frame(
 ) -> Result<Found, FrameError> {
     let mut watch = Watch { start: Instant::now(), digests: request.digests.then(Digests::new) };
     detector.set_thorough(request.thorough);
-    let detections = detector.detect(frame, model, request.threshold, &mut watch)?.to_vec();
-    let found = Found::new(detections, *detector.stats());
+    detector.set_min_visible(request.min_visible);
+    let mut detections = detector.detect(frame, model, request.threshold, &mut watch)?.to_vec();
+    if request.all_names {
+        detections.extend(detector.beaten());
+        detections.sort_by(|a, b| b.score.total_cmp(&a.score));
+    }
+    let rivals = |d| detector.rivals(d).map(|r| (r.object, r.score)).collect();
+    let rivals = detections.iter().map(rivals).collect();
+    let found = Found { rivals, ..Found::new(detections, *detector.stats()) };
     let mut found = Found { digests: watch.digests, high_water: *detector.high_water(), ..found };
     if request.details {
         found.add_details(detector, model);
@@ -290,6 +322,7 @@ fn follow_frame(
 ) -> Result<Found, FrameError> {
     let mut watch = Watch { start: Instant::now(), digests: None };
     detector.set_thorough(request.thorough);
+    detector.set_min_visible(request.min_visible);
     let tracks = tracker.track(detector, frame, model, request.threshold, &mut watch)?;
     let (lost, seen): (Vec<Track>, Vec<Track>) = tracks.iter().partition(|t| t.state == State::Lost);
     let mut found = Found::new(seen.iter().map(|t| t.detection).collect(), *tracker.stats());

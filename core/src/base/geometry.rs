@@ -180,6 +180,7 @@ impl Homography {
 
 /// Returns the signed area of a polygon. The area is positive when the outline turns the x axis
 /// towards the y axis.
+#[inline(never)]
 #[must_use]
 pub fn area(outline: &[[f32; 2]]) -> f32 {
     let n = outline.len();

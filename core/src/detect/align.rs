@@ -13,7 +13,7 @@
 
 use crate::base::geometry::{Homography, area};
 use crate::detect::appearance::{Blocks, is_plausible, level_of_area};
-use crate::detect::light::{BLOCKS, Light, NO_LIGHT};
+use crate::detect::light::{BLOCKS, Light, Moments, NO_LIGHT, Shade};
 use crate::detect::overlay::{Lit, Overlay};
 use crate::detect::pose::solve;
 use crate::image::plane::Plane;
@@ -82,8 +82,10 @@ pub(crate) fn refine_by(
     let unit = Homography::affine([side, 0.0, middle[0], 0.0, side, middle[1]]);
     let to_picture = template.to_picture(width, height);
     // The support and the light of each block are measured on the middle level.
-    let seen =
-        |h: &Homography, light: &mut Light| Blocks::new(view, template, 1, h, [width, height], Some(light)).support();
+    let seen = |h: &Homography, light: &mut Light| {
+        let mut shade = |place: usize, m: &Moments| light[place] = Shade::new(m);
+        Blocks::new(view, template, 1, h, [width, height], &mut shade).support()
+    };
     let mut light = NO_LIGHT;
     let (mut best, mut most) = (*h, seen(h, &mut light));
     if most < least[0] {

@@ -12,7 +12,7 @@ use crate::base::capacity::{LEVELS, id};
 use crate::base::geometry::{Homography, area, is_convex};
 use crate::base::math;
 use crate::base::sort::sort;
-use crate::detect::light::{BLOCKS, Light, Moments, Shade, agreement};
+use crate::detect::light::{BLOCKS, Moments, agreement};
 use crate::detect::overlay::{Overlay, block_ranges, every, number};
 use crate::detect::verify::{CHROMA_NOISE, Products};
 use crate::image::frame::NO_CHROMA;
@@ -32,6 +32,9 @@ pub struct Appearance {
     pub blocks: u16,
     /// Number of blocks that lie in the frame, textured or not, of 36.
     pub inside: u16,
+    /// Share of the object that is seen and agrees, 0 to 1: the mean over the blocks that count. What
+    /// lies outside the frame does not count.
+    pub visible: f32,
     /// Median correlation of the blocks that count, -1 to 1.
     pub median: f32,
     /// Number of blocks that agree: the sum of the blocks' agreements, each 0 to 1.
@@ -109,8 +112,8 @@ pub(crate) struct Blocks {
 
 impl Blocks {
     /// Correlates the frame under `h` (picture px to frame px) with level `level` of the template
-    /// of a picture of `width` x `height` px. If `light` is given, the light of each block is
-    /// written to it.
+    /// of a picture of `width` x `height` px. Calls `saw` with the number and the moments of each
+    /// block.
     #[inline(never)]
     pub(crate) fn new(
         view: &PyramidView<'_>,
@@ -118,7 +121,7 @@ impl Blocks {
         level: usize,
         h: &Homography,
         [width, height]: [f32; 2],
-        mut light: Option<&mut Light>,
+        saw: &mut dyn FnMut(usize, &Moments),
     ) -> Self {
         let luma = template.luma(level);
         let (w, h_) = (luma.width(), luma.height());
@@ -130,9 +133,7 @@ impl Blocks {
         let mut places = 0u8..;
         for ys in block_ranges(h_, BLOCKS, 0) {
             for (m, place) in overlay.correlate(ys, &columns).iter().zip(&mut places) {
-                if let Some(light) = &mut light {
-                    light[usize::from(place)] = Shade::new(m);
-                }
+                saw(usize::from(place), m);
                 blocks.add(place, m, (w * h_ / (BLOCKS * BLOCKS)) as f32 / number(every(&luma)));
             }
         }
@@ -153,9 +154,20 @@ impl Blocks {
         }
     }
 
+    /// The blocks that count: the number of each, and its correlation.
+    pub(crate) fn correlations(&self) -> impl Iterator<Item = (usize, f32)> + '_ {
+        self.places.iter().zip(&self.values).take(self.n).map(|(&place, &value)| (usize::from(place), value))
+    }
+
     /// Number of blocks that agree: the sum of the blocks' agreements.
     pub(crate) fn support(&self) -> f32 {
         self.values[..self.n].iter().map(|&c| agreement(c)).sum()
+    }
+
+    /// Computes [`Appearance::visible`]. A block counts in full from a correlation of 0.7 on.
+    fn visible(&self) -> f32 {
+        let seen = self.values[..self.n].iter().map(|&c| ((c - 0.3) / 0.4).clamp(0.0, 1.0));
+        seen.sum::<f32>() / (self.n as f32).max(1.0)
     }
 
     /// Computes [`Appearance::strong`]. `luma` is the template's level that the blocks belong to.
@@ -195,10 +207,11 @@ pub(crate) fn appearance_of_luma(
     h: &Homography,
     size: [f32; 2],
 ) -> Appearance {
-    let mut blocks = Blocks::new(view, template, 0, h, size, None);
+    let mut blocks = Blocks::new(view, template, 0, h, size, &mut |_, _| {});
     Appearance {
         blocks: id(blocks.n),
         inside: blocks.inside,
+        visible: blocks.visible(),
         support: blocks.support(),
         strong: blocks.strong(&template.luma(0)),
         median: blocks.median(),
@@ -214,7 +227,7 @@ pub(crate) fn support(
     h: &Homography,
     size: [f32; 2],
 ) -> f32 {
-    Blocks::new(view, template, level, h, size, None).support()
+    Blocks::new(view, template, level, h, size, &mut |_, _| {}).support()
 }
 
 fn chroma_correlation(view: &PyramidView<'_>, template: &Template<'_>, h: &Homography, level: usize) -> f32 {

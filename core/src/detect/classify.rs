@@ -14,7 +14,7 @@
 use heapless::Vec;
 
 use crate::base::math::VECTORS;
-use crate::extract::feature::{Feature, signature, sketch};
+use crate::extract::feature::{CHROMA_MARKS, Feature, LUMA, NO_CHROMA_BYTE, is_gray_sketch, signature, sketch};
 use crate::extract::keygraph::{BIN, Keygraph, LARGEST_BINS, SECOND_BINS, cell_of};
 use crate::model::format::{SKETCH, Tier};
 use crate::model::method::MatchRule;
@@ -283,7 +283,9 @@ impl<const K: usize, const W: usize, const N: usize> Lookup<'_, K, W, N> {
         let mut alike = 0;
         for i in 0..self.waiting.len() {
             let key = self.waiting[i];
-            let differ = u64::from_le_bytes(self.sketches[key as usize]) ^ self.sketch;
+            let sketch = u64::from_le_bytes(self.sketches[key as usize]);
+            let ignored = if is_gray_sketch(sketch) { CHROMA_MARKS } else { 0 };
+            let differ = (sketch ^ self.sketch) & !ignored;
             self.waiting[alike] = key;
             alike += usize::from(differ.count_ones() <= self.max_marks);
         }
@@ -307,9 +309,15 @@ impl<const K: usize, const W: usize, const N: usize> Lookup<'_, K, W, N> {
         }
         for (i, sum) in heads.into_iter().enumerate().take(self.waiting.len()) {
             let keygraph = self.waiting[i];
-            let Some(left) = self.limit.checked_sub(sum) else { continue };
-            let Some(more) = distance(&feature(keygraph)[head.len()..], rest, left) else { continue };
-            self.keep(Match { keygraph, distance: u16::try_from(sum + more).unwrap_or(u16::MAX) });
+            let own = &feature(keygraph)[head.len()..];
+            // Of a gray keygraph luma alone is compared. The distance counts half as much again, as
+            // if the chroma of the keygraph were as near as its luma.
+            let gray = own.last() == Some(&NO_CHROMA_BYTE);
+            let (end, limit) = if gray { (LUMA - head.len(), self.limit * 2 / 3) } else { (rest.len(), self.limit) };
+            let Some(left) = limit.checked_sub(sum) else { continue };
+            let Some(more) = distance(&own[..end], &rest[..end], left) else { continue };
+            let sum = if gray { (sum + more) * 3 / 2 } else { sum + more };
+            self.keep(Match { keygraph, distance: u16::try_from(sum).unwrap_or(u16::MAX) });
         }
         self.waiting.clear();
     }

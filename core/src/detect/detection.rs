@@ -6,7 +6,7 @@
 use heapless::Vec;
 
 use crate::base::capacity::DETECTIONS;
-use crate::base::geometry::{Homography, contains};
+use crate::base::geometry::{Homography, area, contains};
 use crate::detect::appearance::{Appearance, is_plausible};
 use crate::model::parse::Model;
 
@@ -14,6 +14,8 @@ use crate::model::parse::Model;
 const MIN_AREA_PX: f32 = 144.0;
 /// Maximum ratio between a side of an outline and the opposite side.
 const MAX_RATIO: f32 = 4.0;
+/// Maximum ratio between the areas of two outlines that compete for a place.
+const MAX_RIVAL: f32 = 4.0;
 
 /// One instance of an object in a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -66,6 +68,21 @@ impl Detection {
     /// Whether the outline can be that of a picture in front of a camera.
     pub(crate) fn is_plausible(&self) -> bool {
         is_plausible(&self.corners, MIN_AREA_PX, MAX_RATIO)
+    }
+
+    /// Whether the detection and `other` say of one place that different objects are there. An
+    /// object that lies on another and is much smaller is no rival of it.
+    #[inline(never)]
+    pub(crate) fn is_rival(&self, other: &Self) -> bool {
+        let (a, b) = (area(&self.corners), area(&other.corners));
+        let alike = a < MAX_RIVAL * b && b < MAX_RIVAL * a;
+        alike && self.object != other.object && overlap(&self.corners, &other.corners)
+    }
+
+    /// How much of the object agrees with the frame, 0 to 1, and how well. It does not saturate: of
+    /// two pictures that share parts, it tells which the other parts are of.
+    pub(crate) fn fit(&self) -> f32 {
+        self.appearance.support / f32::from(self.appearance.blocks.max(1))
     }
 
     /// Whether the detection and `other` stand for the same instance.

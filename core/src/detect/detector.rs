@@ -31,6 +31,7 @@ pub const DEFAULT_THRESHOLD: f32 = 0.8;
 #[derive(Debug)]
 pub struct Detector<P: Profile + ?Sized> {
     thorough: bool,
+    visible: f32,
     buffers: P,
 }
 
@@ -56,13 +57,13 @@ impl<
     /// Creates an idle detector; all its bytes are zero.
     #[must_use]
     pub const fn new() -> Self {
-        Self { thorough: false, buffers: Buffers::new() }
+        Self { thorough: false, visible: 0.0, buffers: Buffers::new() }
     }
 }
 
 impl<P: Profile + Default> Default for Detector<P> {
     fn default() -> Self {
-        Self { thorough: false, buffers: P::default() }
+        Self { thorough: false, visible: 0.0, buffers: P::default() }
     }
 }
 
@@ -76,6 +77,14 @@ impl<P: Profile + ?Sized> Detector<P> {
     /// under half the size of a large copy beside it may be missed.
     pub const fn set_thorough(&mut self, thorough: bool) {
         self.thorough = thorough;
+    }
+
+    /// Sets the minimum share of an object that must be seen, 0 to 1: [`Appearance::visible`]. 0, the
+    /// default, leaves the decision to the score.
+    ///
+    /// [`Appearance::visible`]: crate::Appearance::visible
+    pub const fn set_min_visible(&mut self, visible: f32) {
+        self.visible = visible;
     }
 
     /// Searches `frame` for the objects of `model`. Returns the detections that score at least
@@ -119,7 +128,7 @@ impl<P: Profile + ?Sized> Detector<P> {
         finder: Option<&mut dyn Finder>,
     ) -> Result<&[Detection], FrameError> {
         let limits = self.buffers.limits();
-        let wish = Wish { threshold, thorough: self.thorough };
+        let wish = Wish { threshold, visible: self.visible, thorough: self.thorough };
         let plan = Plan::new(Scope::from(model), model.method().parameters(), wish);
         let lent = cleared(self.buffers.lend());
         check(frame, limits, &lent.pyramid)?;
@@ -167,10 +176,23 @@ impl<P: Profile + ?Sized> Detector<P> {
         self.buffers.rooms()
     }
 
-    /// Detections in the last frame, best score first.
+    /// Detections in the last frame, best score first: the best name at each place.
     #[must_use]
     pub fn detections(&self) -> &[Detection] {
-        &self.buffers.show().findings.detections
+        let findings = self.buffers.show().findings;
+        &findings.detections[..findings.named.min(findings.detections.len())]
+    }
+
+    /// Detections of other objects that lie where a better one lies, in no order.
+    #[must_use]
+    pub fn beaten(&self) -> &[Detection] {
+        let findings = self.buffers.show().findings;
+        &findings.detections[findings.named.min(findings.detections.len())..]
+    }
+
+    /// The detections that `detection` has beaten, in no order.
+    pub fn rivals<'a>(&'a self, detection: &'a Detection) -> impl Iterator<Item = &'a Detection> {
+        self.beaten().iter().filter(|d| d.is_rival(detection))
     }
 
     /// Counts and times of the stages for the last frame.
@@ -228,6 +250,7 @@ impl<P: Profile + ?Sized> Detector<P> {
 fn cleared(lent: Lent<'_>) -> Lent<'_> {
     *lent.tally = Tally::EMPTY;
     lent.findings.detections.clear();
+    lent.findings.named = 0;
     lent.points.clear();
     *lent.spans = [(0, 0); LEVELS];
     lent.keygraphs.clear();

@@ -27,6 +27,8 @@ impl Default for Digest {
     }
 }
 
+/// The parts are not inlined: they are called in many places, and no time is lost where no digest is
+/// computed.
 impl Digest {
     /// Creates the digest of no bytes.
     #[must_use]
@@ -45,18 +47,22 @@ impl Digest {
         self.0 = bytes.iter().fold(self.0, |d, &b| (d ^ u32::from(b)).wrapping_mul(0x0100_0193));
     }
 
+    #[inline(never)]
     fn short(&mut self, v: u16) {
         self.bytes(&v.to_le_bytes());
     }
 
+    #[inline(never)]
     fn word(&mut self, v: u32) {
         self.bytes(&v.to_le_bytes());
     }
 
+    #[inline(never)]
     fn float(&mut self, v: f32) {
         self.word(if v.is_nan() { f32::NAN.to_bits() } else { v.to_bits() });
     }
 
+    #[inline(never)]
     fn floats(&mut self, v: &[f32]) {
         v.iter().for_each(|&v| self.float(v));
     }
@@ -94,7 +100,7 @@ impl Digest {
         for n in [d.votes, d.agreeing, a.blocks, a.inside] {
             self.short(n);
         }
-        self.floats(&[a.median, a.support, a.chroma]);
+        self.floats(&[a.visible, a.median, a.support, a.chroma]);
     }
 }
 

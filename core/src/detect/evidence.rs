@@ -118,6 +118,25 @@ pub(crate) fn accept(detections: &mut Detections, d: &Detection, threshold: f32)
     detections.insert(place, *d).is_err()
 }
 
+/// Puts the detections that are the best at their place first, best score first, and returns their
+/// number. Of several
+/// objects at one place the best is the one that fits best, by the parts in which they differ.
+#[inline(never)]
+pub(crate) fn name(detections: &mut Detections) -> usize {
+    let beats = |a: &Detection, b: &Detection| {
+        let (fit, other) = (a.fit(), b.fit());
+        a.is_rival(b) && (fit > other || (fit == other && a.object < b.object))
+    };
+    let mut named = 0;
+    for i in 0..detections.len() {
+        if !detections.iter().any(|other| beats(other, &detections[i])) {
+            detections.swap(named, i);
+            named += 1;
+        }
+    }
+    named
+}
+
 /// Makes the votes that agree with a detection supporters. Other votes for an object that lie in
 /// the outline of one of its detections are removed.
 #[inline(never)]
@@ -139,7 +158,8 @@ mod tests {
 
     #[test]
     fn the_score_moves_with_each_piece_of_evidence() {
-        let appearance = Appearance { blocks: 36, inside: 30, median: 0.5, support: 5.0, strong: 1.3, chroma: 0.0 };
+        let appearance =
+            Appearance { blocks: 36, inside: 30, visible: 0.5, median: 0.5, support: 5.0, strong: 1.3, chroma: 0.0 };
         let evidence = Evidence { agreeing: 30, votes: 15, keygraphs: 120 };
         let base = score(&appearance, &evidence);
         assert!((0.05..0.95).contains(&base), "{base}");
@@ -159,6 +179,26 @@ mod tests {
     fn at(object: u16, x: f32, score: f32) -> Detection {
         let homography = Homography::affine([1.0, 0.0, x, 0.0, 1.0, 10.0]);
         Detection { score, ..Detection::new(object, &homography, [50.0; 2]) }
+    }
+
+    #[test]
+    fn the_object_that_fits_best_names_the_place() {
+        let fitting = |d: Detection, support: f32| Detection {
+            appearance: Appearance { blocks: 36, support, ..Appearance::default() },
+            ..d
+        };
+        let found = &mut Detections::new();
+        let all = [(0, 0.0, 30.0), (1, 4.0, 31.0), (2, 2.0, 12.0), (0, 200.0, 20.0), (1, 300.0, 25.0)];
+        for (i, (object, x, support)) in all.into_iter().enumerate() {
+            found.push(fitting(at(object, x, 0.99 - 0.01 * i as f32), support)).unwrap();
+        }
+        // A small object that lies on another is not its rival.
+        let small = Homography::affine([0.3, 0.0, 310.0, 0.0, 0.3, 20.0]);
+        found.push(fitting(Detection { score: 0.9, ..Detection::new(3, &small, [50.0; 2]) }, 30.0)).unwrap();
+        assert_eq!(name(found), 4);
+        let names: std::vec::Vec<_> = found[..4].iter().map(|d| (d.object, d.corners[0][0])).collect();
+        assert_eq!(names, [(1, 4.0), (0, 200.0), (1, 300.0), (3, 310.0)]);
+        assert!(found[4..].iter().all(|d| d.is_rival(&found[0])), "both others lie there");
     }
 
     #[test]

@@ -39,6 +39,10 @@ impl From<&Model<'_>> for Scope {
 pub struct Wish {
     /// Minimum score of a detection.
     pub threshold: f32,
+    /// Minimum share of the object that must be seen, [`Appearance::visible`].
+    ///
+    /// [`Appearance::visible`]: crate::Appearance::visible
+    pub visible: f32,
     /// Whether all of the frame is searched for all of the model in every case.
     pub thorough: bool,
 }
@@ -122,6 +126,11 @@ impl Plan {
         if self.scope.lists && !self.wish.thorough { self.rules.lists.as_ref() } else { None }
     }
 
+    /// Minimum share of an object that must be seen.
+    pub(crate) const fn visible(&self) -> f32 {
+        self.wish.visible
+    }
+
     /// Number of rounds. A round knows what the rounds before it have found.
     #[must_use]
     pub const fn rounds(&self) -> usize {
@@ -178,7 +187,7 @@ impl Plan {
         let thorough = self.wish.thorough;
         let when = if i == 0 || thorough { When::Always } else { When::InDoubt(self.rules.doubt[i / n]) };
         let decide = match last {
-            true => Some(Bar { score: self.wish.threshold, ..Bar::NONE }),
+            true => Some(Bar { impression: self.rules.impression, score: self.wish.threshold, ..Bar::NONE }),
             false => (!thorough).then(|| self.first_bar()),
         };
         Some(Step { tier: tiers[i % n], levels, when, matching: self.rules.matching, decide })
@@ -187,17 +196,17 @@ impl Plan {
     /// Minimum evidence for a detection while parts of the model or the frame are still unsearched.
     fn first_bar(&self) -> Bar {
         let bar = self.rules.first_pass;
-        Bar { score: self.wish.threshold.max(bar.score), ..bar }
+        Bar { score: self.wish.threshold, ..bar }
     }
 
-    /// Minimum evidence for a detection after the last of the lists. The odds of the minimum score
-    /// are the odds of the threshold times a factor that grows with the number of objects: a search
-    /// for many objects has more chances to be wrong.
+    /// Minimum evidence for a detection after the last of the lists. The odds of the minimum first
+    /// impression are multiplied by a factor that grows with the number of objects: a search for
+    /// many objects has more chances to be wrong.
     fn bar_of_lists(&self, lists: &Lists) -> Bar {
-        let wanted = self.wish.threshold;
+        let least = self.rules.impression;
         let odds = (lists.odds * self.scope.objects as f32).max(1.0);
-        let score = odds * wanted / (1.0 + (odds - 1.0) * wanted);
-        Bar { weight: self.rules.voting.min_weight, score: wanted.max(score), ..Bar::NONE }
+        let impression = odds * least / (1.0 + (odds - 1.0) * least);
+        Bar { weight: self.rules.voting.min_weight, impression, score: self.wish.threshold, ..Bar::NONE }
     }
 }
 
@@ -217,7 +226,9 @@ mod tests {
     fn table(scope: Scope, method: Method, wish: Wish, round: usize) -> Vec<String> {
         let plan = Plan::new(scope, method.parameters(), wish);
         let line = |s: Step| {
-            let bar = s.decide.map_or("-".into(), |b| format!("{} {:.3} {} {}", b.weight, b.score, b.heavy, b.support));
+            let bar = s.decide.map_or("-".into(), |b| {
+                format!("{} {:.3} {:.3} {} {}", b.weight, b.impression, b.score, b.heavy, b.support)
+            });
             let MatchRule { max_bits, max_marks, .. } = s.matching;
             format!("{:?} {:?} {:?} | {max_bits} {max_marks} | {bar}", s.tier, s.levels, s.when)
         };
@@ -225,10 +236,10 @@ mod tests {
     }
 
     fn plan(scope: Scope, thorough: bool) -> Plan {
-        Plan::new(scope, Method::Keygraph.parameters(), Wish { threshold: 0.8, thorough })
+        Plan::new(scope, Method::Keygraph.parameters(), Wish { threshold: 0.8, visible: 0.0, thorough })
     }
 
-    const WISH: Wish = Wish { threshold: 0.8, thorough: false };
+    const WISH: Wish = Wish { threshold: 0.8, visible: 0.0, thorough: false };
     const THOROUGH: Wish = Wish { thorough: true, ..WISH };
 
     #[test]
@@ -236,15 +247,18 @@ mod tests {
         assert_eq!(
             table(ONE, Method::Keygraph, WISH, 0),
             [
-                "First(0) Coarse Always | 6 18 | 12 0.990 100 16",
-                "Second(0) Coarse InDoubt(12) | 6 18 | 12 0.990 100 16",
-                "First(0) Finest InDoubt(24) | 6 18 | 12 0.990 100 16",
-                "Second(0) Finest InDoubt(24) | 6 18 | 0 0.800 0 0",
+                "First(0) Coarse Always | 6 18 | 12 0.990 0.800 100 16",
+                "Second(0) Coarse InDoubt(12) | 6 18 | 12 0.990 0.800 100 16",
+                "First(0) Finest InDoubt(24) | 6 18 | 12 0.990 0.800 100 16",
+                "Second(0) Finest InDoubt(24) | 6 18 | 0 0.200 0.800 0 0",
             ]
         );
         assert_eq!(
             table(Scope { second_tiers: false, ..ONE }, Method::Keygraph, Wish { threshold: 0.995, ..WISH }, 0),
-            ["First(0) Coarse Always | 6 18 | 12 0.995 100 16", "First(0) Finest InDoubt(24) | 6 18 | 0 0.995 0 0",]
+            [
+                "First(0) Coarse Always | 6 18 | 12 0.990 0.995 100 16",
+                "First(0) Finest InDoubt(24) | 6 18 | 0 0.200 0.995 0 0",
+            ]
         );
     }
 
@@ -256,7 +270,7 @@ mod tests {
                 "First(2) Coarse Always | 6 18 | -",
                 "Second(2) Coarse Always | 6 18 | -",
                 "First(2) Finest Always | 6 18 | -",
-                "Second(2) Finest Always | 6 18 | 0 0.800 0 0",
+                "Second(2) Finest Always | 6 18 | 0 0.200 0.800 0 0",
             ]
         );
     }
@@ -265,7 +279,10 @@ mod tests {
     fn the_paper_looks_at_the_finest_level_and_believes_the_fullest_bin() {
         assert_eq!(
             table(Scope { second_tiers: false, ..ONE }, Method::Paper, WISH, 0),
-            ["First(0) Coarse Always | 24 64 | 0 0.800 0 0", "First(0) Finest InDoubt(0) | 24 64 | 0 0.800 0 0",]
+            [
+                "First(0) Coarse Always | 24 64 | 0 0.000 0.800 0 0",
+                "First(0) Finest InDoubt(0) | 24 64 | 0 0.000 0.800 0 0",
+            ]
         );
     }
 
@@ -274,10 +291,10 @@ mod tests {
         assert_eq!(
             table(Scope { objects: 16, lists: true, second_tiers: true }, Method::Keygraph, WISH, 0),
             [
-                "Shortlist Coarse Always | 6 18 | 12 0.990 100 16",
-                "Shortlist Finest Always | 6 18 | 12 0.990 100 16",
-                "Longlist Coarse Always | 6 18 | 12 0.990 100 16",
-                "Longlist Finest Always | 6 18 | 8 0.941 0 0",
+                "Shortlist Coarse Always | 6 18 | 12 0.990 0.800 100 16",
+                "Shortlist Finest Always | 6 18 | 12 0.990 0.800 100 16",
+                "Longlist Coarse Always | 6 18 | 12 0.990 0.800 100 16",
+                "Longlist Finest Always | 6 18 | 8 0.500 0.800 0 0",
             ]
         );
     }
@@ -288,15 +305,15 @@ mod tests {
         assert_eq!(
             table(scope(17), Method::Keygraph, WISH, 0),
             [
-                "Shortlist Coarse Always | 3 16 | 12 0.990 100 16",
-                "Shortlist Finest InDoubt(20) | 3 16 | 12 0.990 100 16",
-                "Longlist Coarse InDoubt(20) | 4 16 | 12 0.990 100 16",
-                "Longlist Finest InDoubt(20) | 4 16 | 8 0.944 0 0",
+                "Shortlist Coarse Always | 3 16 | 12 0.990 0.800 100 16",
+                "Shortlist Finest InDoubt(20) | 3 16 | 12 0.990 0.800 100 16",
+                "Longlist Coarse InDoubt(20) | 4 16 | 12 0.990 0.800 100 16",
+                "Longlist Finest InDoubt(20) | 4 16 | 8 0.515 0.800 0 0",
             ]
         );
         let thousand = table(scope(1000), Method::Keygraph, WISH, 0);
-        assert_eq!(thousand[0], "Shortlist Coarse Always | 2 16 | 12 0.990 100 16");
-        assert_eq!(thousand[3], "Longlist Finest InDoubt(20) | 4 16 | 8 0.999 0 0");
+        assert_eq!(thousand[0], "Shortlist Coarse Always | 2 16 | 12 0.990 0.800 100 16");
+        assert_eq!(thousand[3], "Longlist Finest InDoubt(20) | 4 16 | 8 0.984 0.800 0 0");
     }
 
     #[test]

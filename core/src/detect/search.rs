@@ -19,6 +19,7 @@ use crate::base::math;
 use crate::base::sort::sort_by_key;
 use crate::detect::align::refine;
 use crate::detect::appearance::appearance;
+use crate::detect::belief::believe;
 use crate::detect::classify::{Match, NEIGHBOURS, classify};
 use crate::detect::detection::{Detection, Detections};
 use crate::detect::evidence::{self, is_found, weigh};
@@ -27,6 +28,7 @@ use crate::detect::observer::Output;
 use crate::detect::plan::{Plan, Settle, Step, When};
 use crate::detect::pose::{self, Normalised, PRIORS, Pair, Prior, collect_pairs, count_agreeing};
 use crate::detect::scene::{Context, Scene, vertices};
+use crate::detect::scrutiny::scrutinise;
 use crate::detect::verify::likeness;
 use crate::detect::vote::{Vote, Votes, cast};
 use crate::extract::feature::FeatureKind;
@@ -48,11 +50,15 @@ pub(crate) type Matches = Vec<(u16, Match), { CHUNK * NEIGHBOURS }>;
 pub struct Findings {
     pub(crate) matches: Matches,
     pub(crate) candidates: Vec<Candidate, CANDIDATES>,
+    /// Detections; after a search, those that are the best at their place come first.
     pub(crate) detections: Detections,
+    /// Number of detections that are the best at their place.
+    pub(crate) named: usize,
 }
 
 impl Findings {
-    pub(crate) const EMPTY: Self = Self { matches: Vec::new(), candidates: Vec::new(), detections: Vec::new() };
+    pub(crate) const EMPTY: Self =
+        Self { matches: Vec::new(), candidates: Vec::new(), detections: Vec::new(), named: 0 };
 }
 
 /// State of a search.
@@ -79,7 +85,7 @@ impl Search<'_, '_> {
                 }
                 self.gather_votes(&step);
                 if let Some(bar) = &step.decide {
-                    open = self.decide(bar, plan.settle());
+                    open = self.decide(bar, plan);
                 }
             }
             if plan.settle() == Settle::AfterRound {
@@ -87,6 +93,9 @@ impl Search<'_, '_> {
                 self.votes.drop_open();
             }
         }
+        self.findings.named = evidence::name(&mut self.findings.detections);
+        let named = &self.findings.detections[..self.findings.named];
+        self.context.laps.end(self.context.tally, Output::Detections(named));
     }
 
     /// Whether a step is to be taken. `open` is the weight of the heaviest candidate that the last
@@ -160,7 +169,7 @@ impl Search<'_, '_> {
 
     /// Turns open votes into detections. Returns the weight of the heaviest candidate that lies
     /// where nothing has been found.
-    fn decide(&mut self, bar: &Bar, when_to_settle: Settle) -> Option<u32> {
+    fn decide(&mut self, bar: &Bar, plan: &Plan) -> Option<u32> {
         loop {
             let known = self.findings.detections.len();
             // A keygraph counts once in a bin: its votes must be next to each other.
@@ -169,8 +178,8 @@ impl Search<'_, '_> {
             self.context.laps.end(self.context.tally, Output::Candidates(&self.findings.candidates));
             let Findings { candidates, detections, .. } = &mut *self.findings;
             candidates.retain(|c| !is_found(detections, c.object, c.pose.centre));
-            self.examine(bar);
-            if when_to_settle != Settle::AfterDecision {
+            self.examine(bar, plan.visible());
+            if plan.settle() != Settle::AfterDecision {
                 break;
             }
             self.settle();
@@ -196,7 +205,7 @@ impl Search<'_, '_> {
 
     /// Turns the candidates into poses, and keeps those with enough evidence.
     #[inline(never)]
-    fn examine(&mut self, bar: &Bar) {
+    fn examine(&mut self, bar: &Bar, visible: f32) {
         let (model, rules) = (self.context.model, self.context.model.method().parameters());
         for i in 0..self.findings.candidates.len() {
             let candidate = self.findings.candidates[i];
@@ -210,7 +219,10 @@ impl Search<'_, '_> {
                 {
                     d.agreeing = count_agreeing(&map, self.pairs, &d.homography);
                     weigh(&self.scene, self.votes, model, &mut d);
-                    self.accept(&d, bar.score);
+                    if d.score >= bar.impression && d.appearance.visible >= visible {
+                        d.score = believe(&scrutinise(&self.scene.pyramid, model, &d));
+                        self.accept(&d, bar.score);
+                    }
                 }
             } else {
                 self.accept(&similar(model, &candidate), bar.score);

@@ -186,6 +186,22 @@ pub fn sketch(feature: &[u8]) -> u64 {
     u64::from(below) << 32 | u64::from(above)
 }
 
+/// The value of the chroma bytes of a gray keygraph in a model of coloured ones. Chroma that was
+/// sampled never has this value.
+pub const NO_CHROMA_BYTE: u8 = 0;
+
+/// Number of luma bytes of a feature of luma and chroma.
+pub(crate) const LUMA: usize = LUMA_POINTS.len();
+
+/// Bits of a [`sketch`] of a feature of luma and chroma that belong to chroma.
+pub(crate) const CHROMA_MARKS: u64 = 0xfff_0000_0fff;
+
+/// Whether a [`sketch`] is that of a gray keygraph: all its chroma is below the mean, which no
+/// sampled chroma is.
+pub(crate) const fn is_gray_sketch(sketch: u64) -> bool {
+    sketch >> 32 & 0xfff == 0xfff
+}
+
 /// An affine frame on a triangle, in px of the level that is sampled.
 struct Patch {
     /// Level of luma that is sampled. The chroma of the level below it has px of the same size.

@@ -125,7 +125,8 @@ mod tests {
 
     #[test]
     fn the_score_grows_with_what_is_seen() {
-        let a = Appearance { blocks: 30, inside: 36, median: 0.5, support: 5.0, strong: 3.0, chroma: 0.0 };
+        let a =
+            Appearance { blocks: 30, inside: 36, visible: 0.5, median: 0.5, support: 5.0, strong: 3.0, chroma: 0.0 };
         assert!(score(&Appearance { support: 8.0, ..a }) > score(&a));
         assert!(score(&a) > score(&Appearance { inside: 18, ..a }));
         assert_eq!(score(&Appearance { blocks: 3, ..a }), 0.0, "too little to see");

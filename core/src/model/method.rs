@@ -80,13 +80,16 @@ pub struct VoteRule {
 /// still unsearched, the evidence must leave no doubt: nothing better is searched for in the
 /// detection's place.
 ///
-/// A detection is accepted when its candidate has at least `weight`, it scores at least `score`,
-/// and either its candidate has at least `heavy` or its blocks have at least `support`.
+/// A detection is accepted when its candidate has at least `weight`, its first impression is at
+/// least `impression`, it scores at least `score`, and either its candidate has at least `heavy` or its blocks have at least `support`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Bar {
     /// Minimum weight of a candidate that may become a detection.
     pub weight: u32,
+    /// Minimum first impression of a pose, 0 to 1: the estimated probability that it is right, among
+    /// poses of frames that show nothing alike. Poses below are not looked at closely.
+    pub impression: f32,
     /// Minimum score of a detection.
     pub score: f32,
     /// Minimum weight of a candidate that needs no `support`.
@@ -98,7 +101,7 @@ pub struct Bar {
 
 impl Bar {
     /// The bar that accepts every detection.
-    pub const NONE: Self = Self { weight: 0, score: 0.0, heavy: 0, support: 0.0 };
+    pub const NONE: Self = Self { weight: 0, impression: 0.0, score: 0.0, heavy: 0, support: 0.0 };
 }
 
 /// Rules for a search for all objects at once, by the two lists of a packed model.
@@ -156,6 +159,8 @@ pub struct Parameters {
     /// most about twice as many keygraphs has no second tier. A larger first tier finds the object
     /// more often without the second.
     pub first_tier: usize,
+    /// Minimum first impression of a pose after the last step of a search, [`Bar::impression`].
+    pub impression: f32,
     /// Minimum evidence for a detection while parts of the model or the frame are still unsearched.
     pub first_pass: Bar,
     /// Minimum weights of an open candidate for the search to go on after something was found. The
@@ -187,7 +192,8 @@ const KEYGRAPH: Parameters = Parameters {
     prefixes: &[25, 35, 50, 71, 100, 141, 200, 283, 400, 450],
     scalene: Scalene { min_angle_deg: 8.0, min_difference_deg: 4.0, min_side_px: 8.0 },
     first_tier: 1024,
-    first_pass: Bar { weight: 12, score: 0.99, heavy: 100, support: 16.0 },
+    impression: 0.2,
+    first_pass: Bar { weight: 12, impression: 0.99, score: 0.0, heavy: 100, support: 16.0 },
     doubt: [12, 24],
     lists: Some(Lists {
         shares: [
@@ -223,6 +229,7 @@ const PAPER: Parameters = Parameters {
     prefixes: &[200],
     scalene: Scalene { min_angle_deg: 5.0, min_difference_deg: 5.0, min_side_px: 10.0 },
     first_tier: usize::MAX,
+    impression: 0.0,
     first_pass: Bar::NONE,
     doubt: [0, 0],
     lists: None,

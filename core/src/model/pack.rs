@@ -1,6 +1,8 @@
 //! Packs several models into one.
 //!
-//! In: parsed models of one method and one kind of feature. Out: the bytes of one model in the
+//! In: parsed models of one method. Models on luma alone can stand beside models in colour: their
+//! features get chroma bytes that say so, and their templates have no chroma, so that only their luma
+//! is compared. Out: the bytes of one model in the
 //! caller's buffer, with sorted subsets and a checksum. The tiers of all objects stand side by
 //! side. A model of several objects also gets lists, where its method has them: copies of the
 //! keygraphs of all objects that are most likely to be seen again, with a sketch of each.
@@ -10,8 +12,9 @@
 //! each object).
 
 use crate::base::capacity::id;
-use crate::extract::feature::sketch;
+use crate::extract::feature::{FeatureKind, NO_CHROMA_BYTE, sketch};
 use crate::extract::keygraph::{CELLS, COSTS, MAX_COST};
+use crate::image::frame::NO_CHROMA;
 use crate::model::format::{
     Counts, ENTRY, KEYPOINT, Layout, OBJECT, SKETCH, START, Tier, Tiers, VERTICES, VIEW, object, sort_cell, vertices,
     view, write_header,
@@ -26,7 +29,7 @@ use crate::model::table::is_one_of;
 pub enum PackError {
     /// There is no model to pack.
     Nothing,
-    /// The models were trained by different methods or on different features: train them alike.
+    /// The models were trained by different methods: train them alike.
     Different {
         /// Index of the first model that differs from model 0.
         index: usize,
@@ -49,7 +52,7 @@ impl core::fmt::Display for PackError {
             Self::Nothing => write!(f, "there is no model to pack"),
             Self::Different { index } => write!(
                 f,
-                "model {} was trained by another method or on another feature than the first: train all alike (`--luma` for all or none, no mix with `--preset paper`)",
+                "model {} was trained by another method than the first: train all with `--preset paper`, or none",
                 index + 1
             ),
             Self::TooMany => {
@@ -66,7 +69,11 @@ impl core::error::Error for PackError {}
 /// the packed model.
 fn merged(models: &[Model<'_>]) -> Result<(Counts, Tiers), PackError> {
     let first = models.first().ok_or(PackError::Nothing)?;
-    let alike = |m: &Model<'_>| m.method() == first.method() && m.feature() == first.feature();
+    let feature = kind(models);
+    let alike = |m: &Model<'_>| {
+        let fits = m.feature() == feature || (m.feature() == FeatureKind::Luma && feature == FeatureKind::Both);
+        m.method() == first.method() && fits
+    };
     if let Some(index) = models.iter().position(|m| !alike(m)) {
         return Err(PackError::Different { index });
     }
@@ -91,6 +98,18 @@ fn merged(models: &[Model<'_>]) -> Result<(Counts, Tiers), PackError> {
     if counts.objects > limit || counts.views > limit { Err(PackError::TooMany) } else { Ok((counts, tiers)) }
 }
 
+/// Kind of feature of the packed model: that of the first model in colour, or of the first model
+/// when all are on luma alone.
+fn kind(models: &[Model<'_>]) -> FeatureKind {
+    let coloured = models.iter().map(Model::feature).find(|&f| f != FeatureKind::Luma);
+    coloured.unwrap_or(FeatureKind::Luma)
+}
+
+/// Length of a feature of the packed model, bytes.
+fn feature_bytes(models: &[Model<'_>]) -> usize {
+    models.first().map_or(0, |m| m.method().sampling().bytes(kind(models)))
+}
+
 /// Length of the model that [`pack`] makes of `models`, bytes.
 ///
 /// # Errors
@@ -101,8 +120,7 @@ pub fn packed_len(models: &[Model<'_>]) -> Result<usize, PackError> {
 
 fn layout(models: &[Model<'_>]) -> Result<(Counts, Tiers, Layout), PackError> {
     let (counts, tiers) = merged(models)?;
-    let bytes = models.first().map_or(0, |m| m.feature_bytes());
-    Layout::new(&counts, tiers, bytes).map(|l| (counts, tiers, l)).ok_or(PackError::TooMany)
+    Layout::new(&counts, tiers, feature_bytes(models)).map(|l| (counts, tiers, l)).ok_or(PackError::TooMany)
 }
 
 /// Iterates over the objects of all models. An item is the model, the index of the object in that
@@ -212,7 +230,7 @@ fn write_lists(models: &[Model<'_>], objects: usize, out: &mut [u8], layout: &La
         }
     }
     copied.keygraphs = end;
-    let feature_bytes = models.first().map_or(0, |m| m.feature_bytes());
+    let feature_bytes = feature_bytes(models);
     let mut start = 0;
     for end in places.into_iter().flatten() {
         sort_cell(out, layout, feature_bytes, start..end);
@@ -245,6 +263,12 @@ pub fn pack(models: &[Model<'_>], out: &mut [u8]) -> Result<usize, PackError> {
         copy(layout.views + VIEW * views, l.views..l.keypoints);
         copy(layout.keypoints + KEYPOINT * keypoints, l.keypoints..l.index);
         copy(layout.templates + templates, l.templates..l.end);
+        if m.feature() != kind(models) {
+            for i in 0..m.objects() {
+                let (start, chroma) = m.chroma_of_template(i);
+                out[layout.templates + templates + start..][..chroma].fill(NO_CHROMA.cast_unsigned());
+            }
+        }
         for i in objects..objects + m.objects() {
             let r = &mut out[layout.objects + OBJECT * i..][..OBJECT];
             let at = object::TEMPLATE.size(r) + templates;
@@ -262,7 +286,7 @@ pub fn pack(models: &[Model<'_>], out: &mut [u8]) -> Result<usize, PackError> {
         templates += l.end - l.templates;
     }
 
-    let mut copied = Copied { keygraphs: 0, subsets: 0 };
+    let mut copied = Copied { keygraphs: 0, subsets: 0, feature_bytes: feature_bytes(models) };
     if tiers.lists {
         write_lists(models, counts.objects, out, &layout, &mut copied);
     }
@@ -277,7 +301,7 @@ pub fn pack(models: &[Model<'_>], out: &mut [u8]) -> Result<usize, PackError> {
         }
     }
     copied.end_index(out, &layout);
-    write_header(out, first.method(), first.feature(), tiers, &counts);
+    write_header(out, first.method(), kind(models), tiers, &counts);
     Ok(out.len())
 }
 
@@ -285,6 +309,8 @@ pub fn pack(models: &[Model<'_>], out: &mut [u8]) -> Result<usize, PackError> {
 struct Copied {
     keygraphs: usize,
     subsets: usize,
+    /// Length of a feature of the packed model, bytes.
+    feature_bytes: usize,
 }
 
 impl Copied {
@@ -298,10 +324,20 @@ impl Copied {
         out: &mut [u8],
         layout: &Layout,
     ) {
-        let (at, feature_bytes) = (self.keygraphs, m.feature_bytes());
-        for ((to, each), (part, _)) in layout.parts(feature_bytes).into_iter().zip(m.layout().parts(feature_bytes)) {
+        let at = self.keygraphs;
+        let parts = m.layout().parts(m.feature_bytes());
+        for ((to, wide), (part, each)) in layout.parts(self.feature_bytes).into_iter().zip(parts) {
             let source = &m.bytes()[part + each * range.start..part + each * range.end];
-            out[to + each * at..][..source.len()].copy_from_slice(source);
+            let out = &mut out[to + wide * at..][..wide * range.len()];
+            if wide == each {
+                out.copy_from_slice(source);
+                continue;
+            }
+            for (out, source) in out.chunks_exact_mut(wide).zip(source.chunks_exact(each)) {
+                let (luma, chroma) = out.split_at_mut(each);
+                luma.copy_from_slice(source);
+                chroma.fill(NO_CHROMA_BYTE);
+            }
         }
         self.keygraphs += range.len();
         for i in at..self.keygraphs {

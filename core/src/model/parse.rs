@@ -403,6 +403,13 @@ impl<'a> Model<'a> {
         self.layout
     }
 
+    /// Offset of the chroma of template `i` in the section of templates, and its length, bytes.
+    pub(crate) fn chroma_of_template(&self, i: usize) -> (usize, usize) {
+        let (start, width, height) = self.template_place(i);
+        let luma = plane_bytes(width, height);
+        (start + luma, template_bytes(width, height) - luma)
+    }
+
     /// Returns object `i`.
     ///
     /// # Panics

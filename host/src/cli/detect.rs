@@ -11,7 +11,7 @@ use keygraph::output::print_line;
 use keygraph::pose::{Calibration, Width, parse_intrinsics};
 use keygraph::progress::Progress;
 use keygraph::run::{Options, run as search_all};
-use keygraph::search::{Profile, parse_threshold};
+use keygraph::search::{Profile, Request, parse_share, parse_threshold};
 use keygraph::sensor::SensorFormat;
 use keygraph::{report, words};
 use keygraph_core::{DEFAULT_THRESHOLD, Intrinsics, Model};
@@ -41,6 +41,14 @@ pub struct Arguments {
     /// Minimum score of a detection, 0 to 1
     #[arg(long, default_value_t = DEFAULT_THRESHOLD, value_parser = parse_threshold)]
     threshold: f32,
+    /// Minimum share of an object that must be seen and agree, 0 to 1. With 0 the score decides
+    /// alone. Where objects share parts of their look, a share above theirs keeps one from being
+    /// taken for the other
+    #[arg(long, default_value_t = 0.0, value_name = "SHARE", value_parser = parse_share)]
+    min_visible: f32,
+    /// Report all objects that could be at a place, and not the best alone
+    #[arg(long, conflicts_with = "track")]
+    all_names: bool,
     #[command(flatten)]
     threads: Threads,
     /// Search all of each frame for all of the models: finds small copies beside large
@@ -90,11 +98,14 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode> {
     let model = parse(&bytes, &arguments.models)?;
     let calibration = arguments.calibration(&model);
     let options = Options {
-        profile: arguments.profile,
-        threshold: arguments.threshold,
-        format: arguments.format.map(|f| f.0),
-        thorough: arguments.thorough,
-        digests: arguments.digests,
+        request: Request {
+            min_visible: arguments.min_visible,
+            all_names: arguments.all_names,
+            format: arguments.format.map(|f| f.0),
+            thorough: arguments.thorough,
+            digests: arguments.digests,
+            ..Request::new(arguments.profile, arguments.threshold)
+        },
         threads: arguments.threads.count(),
         track: arguments.track,
         annotate: arguments.annotate.is_some(),

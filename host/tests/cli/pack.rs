@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use crate::lines::{count, list, text, without_times};
-use crate::program::{Folder, frame};
+use crate::program::{Folder, frame, picture};
 use crate::{astronaut, compact};
 
 #[test]
@@ -38,9 +38,53 @@ fn packed_models_find_what_each_finds() {
 #[test]
 fn models_that_do_not_go_together_are_refused_with_advice() {
     let folder = Folder::new("mixed");
+    let (both, paper, all) = (astronaut(&folder), folder.join("paper.kgm"), folder.join("all.kgm"));
+    keygraph!("train", picture("coffee"), "-o", paper, "--preset", "paper").ended_with(0);
+    keygraph!("pack", both, paper, "-o", all).refused_with(&["model 2", "train all with `--preset paper`, or none"]);
+    assert!(!all.exists());
+    keygraph!("detect", "-m", paper, "-m", both, frame(0), "--json").refused_with(&["--preset paper"]);
+}
+
+#[test]
+fn gray_and_coloured_pictures_are_searched_together() {
+    let folder = Folder::new("gray");
     let (both, luma) = (astronaut(&folder), folder.file("luma.kgm", &compact("coffee", &["--luma"])));
     let all = folder.join("all.kgm");
-    keygraph!("pack", both, luma, "-o", all).refused_with(&["model 2", "--luma", "train all alike"]);
-    assert!(!all.exists());
-    keygraph!("detect", "-m", luma, "-m", both, frame(0), "--json").refused_with(&["train all alike"]);
+    keygraph!("pack", luma, both, "-o", all).ended_with(0);
+    let run = keygraph!("detect", "-m", all, frame(17), "--json").ended_with(0);
+    let mut found: Vec<_> = list(&run.lines()[0], "detections").iter().map(|d| text(d, "object").to_string()).collect();
+    found.sort();
+    assert_eq!(found, ["astronaut", "coffee"]);
+}
+
+#[test]
+fn of_two_models_of_one_picture_the_place_has_one_name_and_a_rival() {
+    let folder = Folder::new("rivals");
+    let first = astronaut(&folder);
+    let second = folder.file("second.kgm", &compact("astronaut", &["--name", "second"]));
+    let detections = |option: &str| {
+        let run = keygraph!("detect", "-m", first, "-m", second, "--json", option, frame(1)).ended_with(0);
+        list(&run.lines()[0], "detections").to_vec()
+    };
+    let best = detections("--min-visible=0");
+    assert_eq!(best.len(), 1, "one name a place");
+    let rivals = list(&best[0], "rivals");
+    assert_eq!(rivals.len(), 1);
+    assert_ne!(text(&rivals[0], "object"), text(&best[0], "object"));
+    assert!(best[0]["visible"].as_f64().unwrap() > 0.8, "{}", best[0]["visible"]);
+    assert_eq!(detections("--all-names").len(), 2);
+}
+
+#[test]
+fn what_shows_less_of_itself_than_asked_for_is_left_out() {
+    let folder = Folder::new("visible");
+    let model = astronaut(&folder);
+    let visible = |least: &str| -> Vec<f64> {
+        let run = keygraph!("detect", "-m", model, "--json", least, frame(8)).ended_with(0);
+        list(&run.lines()[0], "detections").iter().map(|d| d["visible"].as_f64().unwrap()).collect()
+    };
+    let all = visible("--min-visible=0");
+    assert!(all.len() == 1 && (0.8..0.95).contains(&all[0]), "{all:?}");
+    assert_eq!(visible("--min-visible=0.8"), all);
+    assert!(visible("--min-visible=0.95").is_empty());
 }
