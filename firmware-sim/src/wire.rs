@@ -118,7 +118,7 @@ impl Report {
             let a = &d.appearance;
             put(u32::from(d.object));
             d.homography.0.iter().chain(d.corners.as_flattened()).for_each(|v| put(v.to_bits()));
-            [d.score, a.median, a.support, a.strong, a.chroma].iter().for_each(|v| put(v.to_bits()));
+            [d.score, a.visible, a.median, a.support, a.strong, a.chroma].iter().for_each(|v| put(v.to_bits()));
             [d.votes, d.agreeing, a.blocks, a.inside].iter().for_each(|&n| put(u32::from(n)));
         }
     }
@@ -148,7 +148,7 @@ impl Report {
             let mut d = Detection::new(object, &homography, [0.0; 2]);
             d.corners = corners;
             let a = &mut d.appearance;
-            for v in [&mut d.score, &mut a.median, &mut a.support, &mut a.strong, &mut a.chroma] {
+            for v in [&mut d.score, &mut a.visible, &mut a.median, &mut a.support, &mut a.strong, &mut a.chroma] {
                 *v = float()?;
             }
             for n in [&mut d.votes, &mut d.agreeing, &mut a.blocks, &mut a.inside] {
@@ -174,7 +174,8 @@ mod tests {
         d.corners = [[1.0, 2.0], [3.0, 4.0], [5.0, 6.0], [7.0, 8.0]];
         (d.score, d.votes, d.agreeing) = (0.875, 12, 40);
         let a = &mut d.appearance;
-        (a.blocks, a.inside, a.median, a.support, a.strong, a.chroma) = (30, 36, 0.75, 21.5, 11.5, -0.25);
+        (a.blocks, a.inside, a.visible, a.median, a.support, a.strong, a.chroma) =
+            (30, 36, 0.625, 0.75, 21.5, 11.5, -0.25);
         let mut words = std::vec::Vec::new();
         report.encode(&[d], &mut |w| words.push(w));
         let mut left = words.iter().copied();
