@@ -25,7 +25,7 @@ const STEPS: f32 = 32.0;
 /// Log-odds without any tree, in steps.
 const BIAS: i32 = 103;
 
-// Fitted by scripts/evaluate; docs/decisions/0014 says on what.
+// docs/decisions/0014-look-alikes.md says on what they were fitted.
 #[rustfmt::skip]
 const TREES: [Tree; 37] = [
     Tree { property: [13, 9, 0, 6, 3, 12, 2], limit: [87, 120, 104, 169, 213, 104, 43], leaf: [-22, -5, -12, -5, -4, 0, 4, 0] },

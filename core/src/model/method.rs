@@ -81,7 +81,8 @@ pub struct VoteRule {
 /// detection's place.
 ///
 /// A detection is accepted when its candidate has at least `weight`, its first impression is at
-/// least `impression`, it scores at least `score`, and either its candidate has at least `heavy` or its blocks have at least `support`.
+/// least `impression`, it scores at least `score`, and either its candidate has at least `heavy` or
+/// its blocks have at least `support`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Bar {
