@@ -9,6 +9,7 @@ use std::path::Path;
 
 use keygraph_core::Trained;
 
+use crate::alike::Alike;
 use crate::margins::within_margins;
 use crate::picture::{Framed, Part, Picture};
 use crate::structure::Structure;
@@ -38,6 +39,9 @@ const CONTRAST: f32 = 12.0;
 const REPETITION: f32 = 0.6;
 /// Maximum number of wrong outlines a frame.
 const WRONG: f32 = 0.02;
+/// Maximum rate at which look-alikes of which only a quarter is the same may be taken for the
+/// object.
+const TAKEN: f32 = 0.25;
 
 /// Whether a picture of this size, px, has too little detail for its smallness.
 fn is_small((width, height): (u32, u32)) -> bool {
@@ -107,6 +111,27 @@ pub fn warning(picture: &Picture, trained: &Trained) -> Option<String> {
 pub fn not_found_in_itself(label: &str) -> String {
     format!(
         "the object is not found even in {label} itself: use a picture with more texture, a larger one, or a less elongated part of the object"
+    )
+}
+
+/// Says that a picture repeats itself, and what follows; the sentence goes on from the picture's
+/// name. `None` when it does not.
+#[must_use]
+pub fn repeats(structure: &Structure) -> Option<String> {
+    (structure.repetition > REPETITION).then(|| {
+        format!(
+            "repeats itself (correlation {:.2} where it is shifted) and may be found in the wrong place, or in a picture of the same pattern: take a part that is nowhere else",
+            structure.repetition
+        )
+    })
+}
+
+/// Says that one object looks like another, and what to do. `shown` and `taken` are their names.
+#[must_use]
+pub fn looks_like(alike: &Alike, shown: &str, taken: &str) -> String {
+    format!(
+        "{shown} looks like {taken}: {:.0} % of it; load the models of both, so that each gets its own name, or search with --min-visible",
+        100.0 * alike.share
     )
 }
 
@@ -199,6 +224,16 @@ fn limits_in_frames(sweep: &Sweep) -> Vec<Limit> {
             "wrong places: {} outlines in {} frames are not where the picture is; raise --threshold in `keygraph detect`",
             sweep.wrong,
             frames(sweep.views)
+        ),
+    );
+    let taken = sweep.taken.last().map_or(0.0, |c| c.rate(sweep.views));
+    add(
+        &mut limits,
+        taken > TAKEN,
+        "look-alikes",
+        format!(
+            "look-alikes: pictures of which only a quarter is the same are taken for it ({:.0} %); where such are about, load their models too, or raise --min-visible in `keygraph detect`",
+            100.0 * taken
         ),
     );
     let turned = sweep.rows.iter().filter(|r| r.condition == Condition::Rotation).map(|r| r.rate(sweep.views));
@@ -298,6 +333,9 @@ mod tests {
         assert!(texts(&GOOD, &dark)[0].contains("at no value"), "{:?}", texts(&GOOD, &dark));
         let wrong = Sweep { wrong: 20, ..sweep(|_, _| 4) };
         assert!(texts(&GOOD, &wrong)[0].contains("20 outlines in 108 frames"), "{:?}", texts(&GOOD, &wrong));
+        let taken = Cell { value: 75.0, found: 2 };
+        let fooled = Sweep { taken: vec![taken], ..sweep(|_, _| 4) };
+        assert!(texts(&GOOD, &fooled)[0].contains("taken for it (50 %)"), "{:?}", texts(&GOOD, &fooled));
         let weak = texts(&GOOD, &sweep(|c, i| if c == Condition::Scale && i > 1 { 4 } else { 2 }));
         assert!(weak.len() == 2 && weak[0].contains("found in 50 % of mild frames"), "{weak:?}");
     }

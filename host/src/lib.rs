@@ -12,10 +12,12 @@
 //! - [`search`]: one frame through a detector of the right size
 //! - [`trail`]: frames in order through a tracker
 //! - [`margins`]: plain margins of a picture
+//! - [`mod@alike`]: objects that look alike
 //! - [`pose`]: poses of detections in space
 //! - [`learn`]: training on a picture; merging models
 //! - [`random`]: random numbers that are equal on every machine
 //! - [`render`]: frames of pictures in known poses
+//! - [`mod@exchange`]: look-alikes of a picture
 //! - [`heat`]: which parts of a picture carry keygraphs
 //! - [`mod@sweep`]: how often a picture is found in rendered frames
 //! - [`mod@structure`]: facts about a trained picture
@@ -40,10 +42,12 @@ pub mod sensor;
 pub mod search;
 pub mod trail;
 pub mod margins;
+pub mod alike;
 pub mod pose;
 pub mod learn;
 pub mod random;
 pub mod render;
+pub mod exchange;
 pub mod heat;
 pub mod sweep;
 pub mod structure;

@@ -5,11 +5,12 @@
 use keygraph_core::{Detection, Model, PlanePose, Pose, Stage, State, Track};
 use serde_json::{Map, Value, json};
 
+use crate::alike::Alike;
 use crate::assess::Assessment;
 use crate::bench::{Bench, Held, StageCost, Times};
 use crate::search::Found;
 use crate::structure::Structure;
-use crate::sweep::{Row, Sweep};
+use crate::sweep::{Cell, Row, Sweep};
 
 /// A number rounded to `digits` decimals.
 pub(crate) fn rounded(v: impl Into<f64>, digits: i32) -> Value {
@@ -142,6 +143,12 @@ pub fn model_object(model: &Model<'_>) -> Value {
     })
 }
 
+/// An object that looks like the one that was trained, as `train --json` has it.
+#[must_use]
+pub fn alike_object(object: &str, alike: &Alike) -> Value {
+    json!({"object": object, "share": rounded(alike.share, 3), "score": rounded(alike.score, 6)})
+}
+
 /// The object that `bench --json` prints.
 #[must_use]
 pub fn bench_object(b: &Bench) -> Value {
@@ -173,9 +180,9 @@ pub fn bench_object(b: &Bench) -> Value {
 /// The object that `assess --json` prints for each object of a model.
 #[must_use]
 pub fn assessment_object(a: &Assessment) -> Value {
-    let cells = |row: &Row| row.cells.iter().map(|c| json!({"value": c.value, "found": c.found})).collect::<Vec<_>>();
+    let list = |cells: &[Cell]| cells.iter().map(|c| json!({"value": c.value, "found": c.found})).collect::<Vec<_>>();
     let table = |s: &Sweep| {
-        let row = |r: &Row| json!({"condition": r.condition.name(), "unit": r.condition.unit(), "rate": rounded(r.rate(s.views), 4), "cells": cells(r)});
+        let row = |r: &Row| json!({"condition": r.condition.name(), "unit": r.condition.unit(), "rate": rounded(r.rate(s.views), 4), "cells": list(&r.cells)});
         s.rows.iter().map(row).collect::<Vec<_>>()
     };
     let structure = |s: &Structure| {
@@ -196,6 +203,7 @@ pub fn assessment_object(a: &Assessment) -> Value {
         "views": a.sweep.as_ref().map(|s| s.views),
         "table": a.sweep.as_ref().map(table),
         "wrong": a.sweep.as_ref().map(|s| s.wrong),
+        "look_alikes": a.sweep.as_ref().map(|s| list(&s.taken)),
         "structure": a.structure.as_ref().map(structure),
         "limits": a.limits.iter().map(|l| json!({"kind": l.kind, "text": l.text})).collect::<Vec<_>>(),
     })

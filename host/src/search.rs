@@ -123,7 +123,7 @@ pub struct Found {
     /// Detections, best score first.
     pub detections: Vec<Detection>,
     /// For each detection: the other objects that could be at its place, and their scores, best
-    /// first. It is empty for a frame of a sequence.
+    /// first. It is empty for a frame of a sequence that was not searched.
     pub rivals: Vec<Vec<(u16, f32)>>,
     /// Counts and times of the stages; ticks are nanoseconds.
     pub stats: Stats,
@@ -302,14 +302,17 @@ fn search_frame(
         detections.extend(detector.beaten());
         detections.sort_by(|a, b| b.score.total_cmp(&a.score));
     }
-    let rivals = |d| detector.rivals(d).map(|r| (r.object, r.score)).collect();
-    let rivals = detections.iter().map(rivals).collect();
-    let found = Found { rivals, ..Found::new(detections, *detector.stats()) };
+    let found = Found { rivals: rivals_of(detector, &detections), ..Found::new(detections, *detector.stats()) };
     let mut found = Found { digests: watch.digests, high_water: *detector.high_water(), ..found };
     if request.details {
         found.add_details(detector, model);
     }
     Ok(found)
+}
+
+/// The objects that lost the place of each detection, and their scores.
+fn rivals_of(detector: &AnyDetector, detections: &[Detection]) -> Vec<Vec<(u16, f32)>> {
+    detections.iter().map(|d| detector.rivals(d).map(|r| (r.object, r.score)).collect()).collect()
 }
 
 /// Follows objects into the next frame of a sequence, and gathers what there is to report.
@@ -326,6 +329,9 @@ fn follow_frame(
     let tracks = tracker.track(detector, frame, model, request.threshold, &mut watch)?;
     let (lost, seen): (Vec<Track>, Vec<Track>) = tracks.iter().partition(|t| t.state == State::Lost);
     let mut found = Found::new(seen.iter().map(|t| t.detection).collect(), *tracker.stats());
+    if tracker.searched() {
+        found.rivals = rivals_of(detector, &found.detections);
+    }
     if request.details {
         found.add_details(detector, model);
     }

@@ -2,13 +2,14 @@
 //!
 //! In: a model and the picture that it was made from. Out: a [`Sweep`]: for each value of
 //! each condition ([`SWEEP`]: scale, rotation, tilt, blur, darkness, noise) the number of
-//! frames in which the object was found at its place, and a map of the keygraphs that
-//! carried it.
+//! frames in which the object was found at its place, a map of the keygraphs that
+//! carried it, and how often a look-alike was taken for it.
 //!
 //! A frame shows the picture at a random place before dead leaves. Its cell sets one
-//! condition; the others are mild and random ([`MILD`]).
+//! condition; the others are mild and random ([`MILD`]). A look-alike is the picture with a share
+//! of its parts exchanged ([`LOOK_ALIKES`]), in mild conditions.
 //!
-//! Memory: a frame and a detector for each thread. Cost: 27 cells times the views; each
+//! Memory: a frame and a detector for each thread. Cost: 30 cells times the views; each
 //! view takes some 20 ms to render, and then a search.
 
 use std::ops::Range;
@@ -19,6 +20,7 @@ use std::thread;
 use anyhow::Result;
 use keygraph_core::{DEFAULT_THRESHOLD, Homography, Model};
 
+use crate::exchange::exchange;
 use crate::heat::Heat;
 use crate::picture::Picture;
 use crate::random::Random;
@@ -88,6 +90,9 @@ pub const SWEEP: [(Condition, &[f32]); 6] = [
     (Condition::Darkness, &[50.0, 25.0, 12.0, 6.0]),
     (Condition::Noise, &[5.0, 10.0, 20.0, 40.0]),
 ];
+
+/// The share of a look-alike's parts that are exchanged, percent.
+pub const LOOK_ALIKES: [f32; 3] = [25.0, 50.0, 75.0];
 
 /// The ranges of the conditions that a cell does not set.
 #[derive(Clone, Debug)]
@@ -159,12 +164,21 @@ pub struct Sweep {
     pub wrong: usize,
     /// Where the keygraphs lie that agreed with right outlines.
     pub heat: Heat,
+    /// For each value of [`LOOK_ALIKES`] the number of views in which the look-alike was taken for
+    /// the object.
+    pub taken: Vec<Cell>,
 }
 
-/// Number of frames that are rendered for `views` views a cell.
+/// Number of frames that show the object, for `views` views a cell.
 #[must_use]
 pub fn frames(views: usize) -> usize {
     views * SWEEP.iter().map(|(_, values)| values.len()).sum::<usize>()
+}
+
+/// Number of frames that are rendered for `views` views a cell, with those of look-alikes.
+#[must_use]
+pub fn all_frames(views: usize) -> usize {
+    frames(views) + views * LOOK_ALIKES.len()
 }
 
 impl Row {
@@ -185,10 +199,20 @@ struct Seen {
     triangles: Vec<[[f32; 2]; 3]>,
 }
 
+/// A cell of the table, or a look-alike.
+#[derive(Clone, Copy)]
+enum Shows {
+    /// The row and the column in [`SWEEP`].
+    Object(usize, usize),
+    /// The index in [`LOOK_ALIKES`].
+    LookAlike(usize),
+}
+
 /// What is swept: an object of a model, and its picture.
 struct Subject<'a> {
     model: &'a Model<'a>,
     index: usize,
+    picture: &'a Picture,
     print: Print,
     /// Width and height of the picture, px.
     size: (f32, f32),
@@ -207,11 +231,12 @@ pub fn sweep(
     tick: impl FnMut(),
 ) -> Result<Sweep> {
     let size = (picture.width as f32, picture.height as f32);
-    let subject = Subject { model, index, print: Print::new(picture), size, options: *options };
-    let cells: Vec<(usize, usize)> =
-        SWEEP.iter().enumerate().flat_map(|(r, (_, values))| (0..values.len()).map(move |c| (r, c))).collect();
+    let subject = Subject { model, index, picture, print: Print::new(picture), size, options: *options };
+    let table = SWEEP.iter().enumerate();
+    let table = table.flat_map(|(r, (_, values))| (0..values.len()).map(move |c| Shows::Object(r, c)));
+    let cells: Vec<Shows> = table.chain((0..LOOK_ALIKES.len()).map(Shows::LookAlike)).collect();
     let views = options.views;
-    let seen = in_threads(options.threads, frames(views), tick, |job, slot| {
+    let seen = in_threads(options.threads, all_frames(views), tick, |job, slot| {
         subject.look(cells[job / views], (job % views) as u64, slot)
     })?;
     let mut rows: Vec<Row> = SWEEP
@@ -221,14 +246,19 @@ pub fn sweep(
             cells: values.iter().map(|&v| Cell { value: shown(condition, v, options.profile), found: 0 }).collect(),
         })
         .collect();
+    let mut taken: Vec<Cell> = LOOK_ALIKES.iter().map(|&value| Cell { value, found: 0 }).collect();
     let (mut wrong, mut heat) = (0, Heat::new(picture.width, picture.height));
     for (job, seen) in seen.into_iter().enumerate() {
-        let (r, c) = cells[job / views];
-        rows[r].cells[c].found += usize::from(seen.found);
-        wrong += seen.wrong;
-        seen.triangles.into_iter().for_each(|t| heat.add(t));
+        match cells[job / views] {
+            Shows::Object(r, c) => {
+                rows[r].cells[c].found += usize::from(seen.found);
+                wrong += seen.wrong;
+                seen.triangles.into_iter().for_each(|t| heat.add(t));
+            }
+            Shows::LookAlike(i) => taken[i].found += usize::from(seen.found || seen.wrong > 0),
+        }
     }
-    Ok(Sweep { views, rows, wrong, heat })
+    Ok(Sweep { views, rows, wrong, heat, taken })
 }
 
 /// Runs `work` for each job below `jobs` in some threads, with the number of the thread.
@@ -278,10 +308,19 @@ const fn frame_size(profile: Profile) -> (usize, usize) {
 impl Subject<'_> {
     /// Renders view `number` of a cell and searches it. The view depends on the cell and
     /// the number alone. An outline is right when it lies at the true one.
-    fn look(&self, cell: (usize, usize), number: u64, slot: usize) -> Result<Seen> {
-        let (condition, values) = SWEEP[cell.0];
-        let mut random = Random::of(&[cell.0 as u64, cell.1 as u64, number]);
-        let (frame, h) = self.render(condition, values[cell.1], &mut random);
+    fn look(&self, cell: Shows, number: u64, slot: usize) -> Result<Seen> {
+        let (frame, h) = match cell {
+            Shows::Object(row, column) => {
+                let (condition, values) = SWEEP[row];
+                let mut random = Random::of(&[row as u64, column as u64, number]);
+                self.render(&self.print, Some((condition, values[column])), &mut random)
+            }
+            Shows::LookAlike(i) => {
+                let mut random = Random::of(&[SWEEP.len() as u64, i as u64, number]);
+                let print = Print::new(&exchange(self.picture, LOOK_ALIKES[i] / 100.0, &mut random));
+                self.render(&print, None, &mut random)
+            }
+        };
         let truth = h.outline(self.size.0, self.size.1);
         let found = search(&frame, self.model, self.options.profile, DEFAULT_THRESHOLD, true, slot)?;
         let mut seen = Seen { found: false, wrong: 0, triangles: Vec::new() };
@@ -301,9 +340,9 @@ impl Subject<'_> {
         Ok(seen)
     }
 
-    /// Renders a frame with `condition` at `value` and all other conditions mild. Returns
+    /// Renders a frame of `print` with one condition at a value and all others mild. Returns
     /// the frame, and the map from picture px to frame px.
-    fn render(&self, condition: Condition, value: f32, random: &mut Random) -> (Picture, Homography) {
+    fn render(&self, print: &Print, set: Option<(Condition, f32)>, random: &mut Random) -> (Picture, Homography) {
         let profile = self.options.profile;
         let (width, height) = frame_size(profile);
         let scale = width as f32 / 640.0;
@@ -317,17 +356,18 @@ impl Subject<'_> {
         };
         let mut exposure =
             Exposure { gain: within(&MILD.gain), blur_px: within(&MILD.blur_px), noise: within(&MILD.noise) };
-        match condition {
-            Condition::Scale => pose.side_px = shown(condition, value, profile),
-            Condition::Rotation => pose.rotation_deg = value,
-            Condition::Tilt => pose.tilt_deg = value,
-            Condition::Blur => exposure.blur_px = value,
-            Condition::Darkness => exposure.gain = value / 100.0,
-            Condition::Noise => exposure.noise = value,
+        match set {
+            None => {}
+            Some((Condition::Scale, value)) => pose.side_px = shown(Condition::Scale, value, profile),
+            Some((Condition::Rotation, value)) => pose.rotation_deg = value,
+            Some((Condition::Tilt, value)) => pose.tilt_deg = value,
+            Some((Condition::Blur, value)) => exposure.blur_px = value,
+            Some((Condition::Darkness, value)) => exposure.gain = value / 100.0,
+            Some((Condition::Noise, value)) => exposure.noise = value,
         }
         let mut scene = Scene::dead_leaves(width, height, random);
         let pose = scene.somewhere(self.size, pose, random);
-        let h = scene.lay(&self.print, &pose);
+        let h = scene.lay(print, &pose);
         (scene.expose(&exposure, random), h)
     }
 }
@@ -342,6 +382,7 @@ pub(crate) mod tests {
             condition,
             cells: values.iter().enumerate().map(|(i, &value)| Cell { value, found: found(condition, i) }).collect(),
         };
-        Sweep { views: 4, rows: SWEEP.iter().map(row).collect(), wrong: 0, heat: Heat::new(60, 40) }
+        let taken = LOOK_ALIKES.iter().map(|&value| Cell { value, found: 0 }).collect();
+        Sweep { views: 4, rows: SWEEP.iter().map(row).collect(), wrong: 0, heat: Heat::new(60, 40), taken }
     }
 }

@@ -74,6 +74,9 @@ pub fn assessment(a: &Assessment) -> String {
             lines.push(format!("{head:17}  {cells}"));
         }
         lines.push(format!("{:17}  {} outlines in {} frames", "wrong", sweep.wrong, frames(sweep.views)));
+        let cell = |c: &Cell| format!("{} % exchanged: {:.0} %", c.value, c.rate(sweep.views) * 100.0);
+        let cells = sweep.taken.iter().map(cell).collect::<Vec<_>>().join("   ");
+        lines.push(format!("{:17}  {cells}", "look-alikes taken"));
     }
     let mut head = "limits";
     for limit in &a.limits {

@@ -10,7 +10,7 @@ use tracing::level_filters::LevelFilter;
 
 use super::cutout::{Outline, parse_outline};
 use super::mode::Format;
-use crate::search::{Profile, parse_threshold};
+use crate::search::{Profile, parse_share, parse_threshold};
 
 /// The default address of the page.
 const USUAL_ADDRESS: &str = "127.0.0.1:8080";
@@ -76,6 +76,10 @@ pub struct Arguments {
     /// Minimum score of a detection, 0 to 1
     #[arg(long, default_value_t = DEFAULT_THRESHOLD, value_parser = parse_threshold)]
     pub threshold: f32,
+    /// Minimum share of an object that must be seen and agree, 0 to 1: keeps siblings that share
+    /// less from being taken for each other
+    #[arg(long, default_value_t = 0.0, value_name = "SHARE", value_parser = parse_share)]
+    pub min_visible: f32,
     /// Search all of a frame for all of the models whenever it is searched
     #[arg(long)]
     pub thorough: bool,

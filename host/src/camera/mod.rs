@@ -114,7 +114,11 @@ pub fn camera(arguments: &Arguments) -> Result<()> {
 
     let mut left = arguments.frames;
     let mut diary = Diary::default();
-    let wanted = Request { thorough: arguments.thorough, ..Request::new(arguments.profile, arguments.threshold) };
+    let wanted = Request {
+        thorough: arguments.thorough,
+        min_visible: arguments.min_visible,
+        ..Request::new(arguments.profile, arguments.threshold)
+    };
     let searched = search_frames(&live, wanted, |outcome| {
         diary.note(outcome);
         if let Some(publisher) = &mut publisher {

@@ -12,7 +12,7 @@ use keygraph::output::{check_folder_of, is_one_of, print_line};
 use keygraph::picture::{EXTENSIONS, Part, Picture, extension, read_framed};
 use keygraph::progress::Progress;
 use keygraph::search::Profile;
-use keygraph::sweep::{Options, frames};
+use keygraph::sweep::{Options, all_frames};
 use keygraph::{advice, report, words};
 use keygraph_core::{MAGIC, TrainError};
 
@@ -145,7 +145,7 @@ fn assess_objects(arguments: &Arguments, subject: &Subject) -> Result<()> {
     }
     let views = usize::from(arguments.views);
     let options = Options { profile: arguments.profile, views, threads: arguments.threads.count() };
-    let progress = Progress::new(Some((pictures.len() * frames(views)) as u64), "frames");
+    let progress = Progress::new(Some((pictures.len() * all_frames(views)) as u64), "frames");
     for index in 0..objects {
         let picture = pictures.get(index);
         let assessment = assess(&model, index, picture, &options, || progress.tick())?;

@@ -1,9 +1,11 @@
 //! The command line: one file a command, with its arguments and what it does.
 //!
 //! - `model_files`: models as files, read and parsed
+//! - `compare`: objects that look alike
 //! - `values`: values of arguments that several commands take
 //! - `train`, `pack`, `inspect`, `assess`, `detect`, `bench`, `camera`, `demo`: the commands
 
+mod compare;
 mod model_files;
 mod values;
 

@@ -14,14 +14,30 @@ use keygraph_core::{Model, PackError};
 /// When a file cannot be read; when one of several models is damaged or does not go with
 /// the others.
 pub fn load(paths: &[PathBuf]) -> Result<Vec<u8>> {
-    let mut models = paths.iter().map(|path| read(path)).collect::<Result<Vec<_>>>()?;
+    let mut models = read_all(paths)?;
     if models.len() == 1 {
         return Ok(models.remove(0));
     }
+    merged(&models, paths)
+}
+
+/// Reads models.
+///
+/// # Errors
+/// When a file cannot be read.
+pub fn read_all(paths: &[PathBuf]) -> Result<Vec<Vec<u8>>> {
+    paths.iter().map(|path| read(path)).collect()
+}
+
+/// Merges the models that were read from `paths`.
+///
+/// # Errors
+/// When a model is damaged or does not go with the others.
+pub fn merged(models: &[Vec<u8>], paths: &[PathBuf]) -> Result<Vec<u8>> {
     for (bytes, path) in models.iter().zip(paths) {
         parse(bytes, slice::from_ref(path))?;
     }
-    merge(&models).map_err(|e| match e.downcast_ref() {
+    merge(models).map_err(|e| match e.downcast_ref() {
         Some(&PackError::Different { index }) => e.context(paths[index].display().to_string()),
         _ => e,
     })

@@ -7,7 +7,11 @@ use anyhow::{Context, Result};
 use keygraph::output::print_line;
 use keygraph::words;
 
-use super::model_files::{load, parse};
+use super::compare::{Shared, tell_among};
+use super::model_files::{merged, parse, read_all};
+
+/// Maximum number of objects that are compared without being asked.
+const COMPARED: usize = 32;
 
 /// Arguments of `keygraph pack`.
 #[derive(Debug, clap::Args)]
@@ -18,16 +22,30 @@ pub struct Arguments {
     /// Model file to write
     #[arg(short, long, value_name = "ALL.kgm")]
     output: PathBuf,
+    /// Tell which objects look alike, however many there are [default: up to 32 objects]
+    #[arg(long)]
+    compare: bool,
+    #[command(flatten)]
+    shared: Shared,
 }
 
-/// Merges the models and writes the file.
+/// Merges the models, writes the file and tells which objects look alike.
 ///
 /// # Errors
 /// When a model cannot be read or does not go with the others, or the file cannot be written.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let Arguments { models, output } = arguments;
-    let packed = load(models)?;
+    let Arguments { models, output, compare, shared } = arguments;
+    let parts = read_all(models)?;
+    let packed = merged(&parts, models)?;
     let model = parse(&packed, models)?;
     fs::write(output, &packed).with_context(|| format!("cannot write {}", output.display()))?;
-    print_line(&format!("{} objects\n{}", model.objects(), words::model(&model, output)))
+    print_line(&format!("{} objects\n{}", model.objects(), words::model(&model, output)))?;
+    if *compare || model.objects() <= COMPARED {
+        return tell_among(&parts, shared);
+    }
+    eprintln!(
+        "keygraph: {} objects are not compared with each other: --compare tells which look alike",
+        model.objects()
+    );
+    Ok(())
 }

@@ -1,7 +1,7 @@
 //! `keygraph train`: a model of one picture.
 
-use std::fs;
 use std::path::{Path, PathBuf};
+use std::{fs, slice};
 
 use anyhow::{Context, Result, bail};
 use clap::error::ErrorKind;
@@ -9,12 +9,15 @@ use keygraph::camera::arguments::Lesson;
 use keygraph::camera::learn_from_camera;
 use keygraph::camera::lesson::{Learned, Plan};
 use keygraph::learn::{Preset, has_colour, train_within};
-use keygraph::output::{check_folder_of, print_line};
+use keygraph::output::{check_folder_of, is_one_of, print_line};
 use keygraph::picture::{Part, Picture, read_framed};
 use keygraph::search::{Profile, search};
+use keygraph::structure::structure;
 use keygraph::{advice, report, words};
 use keygraph_core::{DEFAULT_THRESHOLD, Method, Model, NAME_BYTES};
 
+use super::compare::{Shared, tell_beside};
+use super::model_files::{load, parse};
 use super::usage_error;
 use super::values::model_size;
 
@@ -42,6 +45,11 @@ pub struct Arguments {
     /// Train on luma alone, for cameras without colour
     #[arg(long)]
     luma: bool,
+    /// Models that will be used beside this one: which objects look like it is told
+    #[arg(long, value_name = "MODEL.kgm", num_args = 1..)]
+    beside: Vec<PathBuf>,
+    #[command(flatten)]
+    shared: Shared,
     /// Print the report as one JSON object
     #[arg(long)]
     json: bool,
@@ -76,6 +84,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     // Training takes a second: what would fail after it is checked before it.
     check_folder_of(&arguments.output)?;
+    for file in &arguments.beside {
+        parse(&load(slice::from_ref(file))?, slice::from_ref(file))?;
+    }
     match &arguments.picture {
         Some(picture) => train_on_picture(arguments, picture),
         None => train_from_camera(arguments),
@@ -122,8 +133,15 @@ fn keep(arguments: &Arguments, label: &str, learned: &Learned) -> Result<()> {
     let output = &arguments.output;
     fs::write(output, &learned.model).with_context(|| format!("cannot write {}", output.display()))?;
     warn(label, learned, &model)?;
+    // A model that is made anew is not compared with itself.
+    let others = arguments.beside.iter().filter(|file| !is_one_of(output, [file.as_path()]));
+    let alike = tell_beside(&model.object(0), others, &arguments.shared)?;
     if arguments.json {
-        return print_line(&report::model_object(&model).to_string());
+        let mut object = report::model_object(&model);
+        if !arguments.beside.is_empty() {
+            object["alike"] = alike.iter().map(|p| report::alike_object(&p.object, &p.alike)).collect();
+        }
+        return print_line(&object.to_string());
     }
     print_line(&format!("picture    {label}, {}x{} px", learned.picture.width, learned.picture.height))?;
     print_line(&words::training(&learned.trained))?;
@@ -139,7 +157,8 @@ fn warn(label: &str, learned: &Learned, model: &Model<'_>) -> Result<()> {
     if model.method() != Method::Keygraph {
         return Ok(());
     }
-    if let Some(warning) = advice::warning(&learned.picture, &learned.trained) {
+    let told = advice::warning(&learned.picture, &learned.trained);
+    for warning in told.into_iter().chain(advice::repeats(&structure(model, 0))) {
         eprintln!("keygraph: {label} {warning}");
     }
     let own = search(&learned.picture, model, Profile::Vga, DEFAULT_THRESHOLD, false, 0)?;

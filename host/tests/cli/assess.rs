@@ -42,6 +42,9 @@ fn a_good_picture_has_a_high_score_and_its_table() {
     for (condition, value) in [("scale", 420.0), ("rotation", 180.0), ("tilt", 15.0), ("blur", 1.0), ("noise", 5.0)] {
         assert_eq!(rate(&a, condition, value), 1.0, "{condition} {value}: {a}");
     }
+    // The more is exchanged, the less is taken for it.
+    let taken: Vec<u64> = list(&a, "look_alikes").iter().map(|c| count(c, "found")).collect();
+    assert!(taken.len() == 3 && taken[0] == 2 && taken[2] <= taken[1], "{taken:?}");
     let structure = &a["structure"];
     assert!(number(structure, "repetition") < 0.4 && number(structure, "contrast") > 40.0, "{a}");
     assert!(!kinds(&a).contains(&"few corners") && !kinds(&a).contains(&"repeated pattern"), "{a}");

@@ -1,9 +1,12 @@
 //! `keygraph pack`: models in one file, and several models given to `detect`.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
+
+use image::RgbImage;
+use image::imageops::{FilterType, resize};
 
 use crate::lines::{count, list, text, without_times};
-use crate::program::{Folder, frame, picture};
+use crate::program::{Folder, frame, picture, pixels};
 use crate::{astronaut, compact};
 
 #[test]
@@ -87,4 +90,44 @@ fn what_shows_less_of_itself_than_asked_for_is_left_out() {
     assert!(all.len() == 1 && (0.8..0.95).contains(&all[0]), "{all:?}");
     assert_eq!(visible("--min-visible=0.8"), all);
     assert!(visible("--min-visible=0.95").is_empty());
+}
+
+/// A picture of two pictures of the repository: the left part of `left`, and the rest of `right`.
+fn joined(folder: &Folder, name: &str, [left, right]: [&str; 2]) -> PathBuf {
+    let path = folder.join(name);
+    let parts = [left, right].map(|n| resize(&pixels(&picture(n)), 400, 300, FilterType::Triangle));
+    RgbImage::from_fn(400, 300, |x, y| *parts[usize::from(x >= 240)].get_pixel(x, y)).save(&path).unwrap();
+    path
+}
+
+#[test]
+fn objects_that_look_alike_are_told_with_a_picture_of_what_they_share() {
+    let folder = Folder::new("alike");
+    let model = |name: &str, parts: [&str; 2]| {
+        let path = folder.join(name);
+        keygraph!("train", joined(&folder, "p.png", parts), "-o", path, "--preset", "compact", "--name", name)
+            .ended_with(0);
+        path
+    };
+    let (one, two) = (model("one", ["astronaut", "coffee"]), model("two", ["astronaut", "chelsea"]));
+    let (other, all, shared) = (model("other", ["hubble", "rocket"]), folder.join("all.kgm"), folder.join("shared"));
+
+    let run = keygraph!("pack", one, two, other, "-o", all, "--shared", shared).ended_with(0);
+    let said: Vec<&str> = run.err.lines().filter(|l| l.contains("looks like")).collect();
+    assert_eq!(said.len(), 1, "{said:?}");
+    let share: f64 = said[0].split(": ").nth(2).unwrap().split(' ').next().unwrap().parse().unwrap();
+    assert!((45.0..75.0).contains(&share), "60 % are shared: {share}");
+    let drawn = pixels(&shared.join("one-two.png"));
+    let bright = |x: u32| {
+        (0..drawn.height()).map(|y| u64::from(drawn.get_pixel(x, y).0.iter().max().copied().unwrap())).sum::<u64>()
+    };
+    assert!(bright(60) > 2 * bright(250), "bright where they agree, dark where they differ");
+
+    let picture = joined(&folder, "p.png", ["astronaut", "chelsea"]);
+    let again = folder.join("again.kgm");
+    let report = keygraph!("train", picture, "-o", again, "--preset", "compact", "--json", "--beside", one, other);
+    let alike = list(&report.ended_with(0).said(&["looks like one"]).object(), "alike").to_vec();
+    assert_eq!(alike.iter().map(|a| text(a, "object")).collect::<Vec<_>>(), ["one"]);
+    assert!((0.45..0.75).contains(&alike[0]["share"].as_f64().unwrap()), "{alike:?}");
+    keygraph!("train", picture, "-o", again, "--beside", folder.join("none.kgm")).refused_with(&["none.kgm"]);
 }
