@@ -27,6 +27,9 @@ pub struct Pair {
     pub alike: Alike,
 }
 
+/// An object: the index of its model, and its index in the model.
+type Place = (usize, usize);
+
 /// Tells which objects of different models look alike, each two once. `models` are the bytes of the
 /// models.
 ///
@@ -35,10 +38,10 @@ pub struct Pair {
 pub fn tell_among(models: &[Vec<u8>], shared: &Shared) -> Result<()> {
     let models = models.iter().map(|bytes| Ok(Model::parse(bytes)?)).collect::<Result<Vec<_>>>()?;
     let objects = |m: usize| (0..models[m].objects()).map(move |i| (m, i));
-    let all: Vec<(usize, usize)> = (0..models.len()).flat_map(objects).collect();
-    let object = |(m, i): (usize, usize)| models[m].object(i);
+    let all: Vec<Place> = (0..models.len()).flat_map(objects).collect();
+    let object = |(m, i): Place| models[m].object(i);
     let progress = Progress::new(Some(all.len() as u64), "objects compared");
-    let mut pairs: Vec<((usize, usize), (usize, usize), Alike)> = Vec::new();
+    let mut pairs: Vec<(Place, Place, Alike)> = Vec::new();
     for &shown in &all {
         for (m, model) in models.iter().enumerate().filter(|&(m, _)| m != shown.0) {
             for alike in alike(&object(shown), model)? {
