@@ -245,10 +245,20 @@ pub fn finish() -> ! {
     semihosting::process::exit(0)
 }
 
+/// Reports an error, and ends the emulator with a status that is not 0.
+pub fn fail(what: &str, error: impl defmt::Format) -> ! {
+    defmt::error!("{=str}: {}", what, error);
+    semihosting::process::exit(FAILED)
+}
+
 #[panic_handler]
 fn panic(info: &core::panic::PanicInfo<'_>) -> ! {
     cortex_m::interrupt::disable();
-    defmt::error!("{}", defmt::Display2Format(info));
+    // Formatting the message here would take three kilobytes of flash.
+    let said = info.message().as_str().unwrap_or("");
+    if let Some(place) = info.location() {
+        defmt::error!("panicked at {=str}:{=u32}:{=u32}:\n{=str}", place.file(), place.line(), place.column(), said);
+    }
     semihosting::process::exit(FAILED)
 }
 

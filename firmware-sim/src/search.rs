@@ -7,7 +7,7 @@
 use keygraph_core::stages::digest::Digests;
 use keygraph_core::{Frame, Model, Observer, Output, Stage};
 
-use crate::board::{Link, stack_bytes, ticks};
+use crate::board::{Link, fail, stack_bytes, ticks};
 use crate::profile::Detector;
 use crate::wire::{FrameHeader, Job, Report};
 
@@ -45,9 +45,9 @@ pub fn search_all(detector: &mut Detector, model: &Model<'_>, job: &Job, link: &
 fn search(d: &mut Detector, model: &Model<'_>, job: &Job, link: &mut Link, header: &FrameHeader, data: &[u8]) {
     let [width, height] = header.size.map(|v| v as usize);
     let mut watch = Watch { digests: job.digests.then(Digests::new) };
-    let frame = Frame::new(header.format, width, height, data).unwrap_or_else(|e| panic!("{e}"));
+    let frame = Frame::new(header.format, width, height, data).unwrap_or_else(|e| fail("the frame", e));
     if let Err(e) = d.detect(&frame, model, job.threshold, &mut watch) {
-        panic!("{e}");
+        fail("the frame", e);
     }
     defmt::info!("{} px x {} px: {} found", width, height, d.detections().len());
     let stats = d.stats();

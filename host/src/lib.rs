@@ -18,6 +18,7 @@
 //! - [`random`]: random numbers that are equal on every machine
 //! - [`render`]: frames of pictures in known poses
 //! - [`mod@exchange`]: look-alikes of a picture
+//! - [`hard`]: frames that are hard on a search
 //! - [`heat`]: which parts of a picture carry keygraphs
 //! - [`mod@sweep`]: how often a picture is found in rendered frames
 //! - [`mod@structure`]: facts about a trained picture
@@ -48,6 +49,7 @@ pub mod learn;
 pub mod random;
 pub mod render;
 pub mod exchange;
+pub mod hard;
 pub mod heat;
 pub mod sweep;
 pub mod structure;

@@ -1,9 +1,10 @@
 //! This layer is the base of every other layer. It holds the fixed sizes, the counts of the stages,
 //! arithmetic that gives equal results on all targets, sorting in a known stack, points, and maps
-//! of the plane.
+//! of the plane, and what errors say.
 //!
 //! Rule: nothing here knows an image, a model or a frame.
 
+pub mod says;
 pub mod capacity;
 pub mod math;
 pub mod sort;

@@ -12,7 +12,7 @@ use crate::detect::buffers::{Buffers, Hd, Lent, Limits, Profile, Qqvga, Qvga, Vg
 use crate::detect::detection::Detection;
 use crate::detect::evidence::Agreement;
 use crate::detect::finder::{Corners, Finder};
-use crate::detect::observer::{Laps, Observer, Output, Stats, Tally};
+use crate::detect::observer::{Laps, Observer, Output, Stats, Tally, passed};
 use crate::detect::plan::{Plan, Scope, Wish};
 use crate::detect::scene::{Context, Scene, span, vertices};
 use crate::detect::search::Search;
@@ -154,8 +154,8 @@ impl<P: Profile + ?Sized> Detector<P> {
         let loaded = observer.now();
         pyramid.reduce_luma();
         let ticks = &mut tally.stats.ticks;
-        ticks[Stage::Convert as usize] = loaded.wrapping_sub(start);
-        ticks[Stage::Pyramid as usize] = observer.now().wrapping_sub(loaded);
+        ticks[Stage::Convert as usize] = passed(start, loaded);
+        ticks[Stage::Pyramid as usize] = passed(loaded, observer.now());
         Ok(())
     }
 
@@ -179,15 +179,13 @@ impl<P: Profile + ?Sized> Detector<P> {
     /// Detections in the last frame, best score first: the best name at each place.
     #[must_use]
     pub fn detections(&self) -> &[Detection] {
-        let findings = self.buffers.show().findings;
-        &findings.detections[..findings.named.min(findings.detections.len())]
+        self.buffers.show().findings.by_place().0
     }
 
     /// Detections of other objects that lie where a better one lies, in no order.
     #[must_use]
     pub fn beaten(&self) -> &[Detection] {
-        let findings = self.buffers.show().findings;
-        &findings.detections[findings.named.min(findings.detections.len())..]
+        self.buffers.show().findings.by_place().1
     }
 
     /// The detections that `detection` has beaten, in no order.

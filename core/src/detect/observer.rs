@@ -33,7 +33,7 @@ impl Stats {
     /// Adds the counts and ticks of `more`.
     pub(crate) fn add(&mut self, more: &Self) {
         self.stages.iter_mut().zip(more.stages).for_each(|(s, m)| add(s, m));
-        self.ticks.iter_mut().zip(more.ticks).for_each(|(t, m)| *t += m);
+        self.ticks.iter_mut().zip(more.ticks).for_each(|(t, m)| *t = t.wrapping_add(m));
     }
 }
 
@@ -118,7 +118,8 @@ impl Output<'_> {
 
 /// Observes the stages. A closure that returns ticks is an observer that only times them.
 pub trait Observer {
-    /// Returns the ticks of a clock that counts up. It is called between the stages.
+    /// Returns the ticks of a clock that counts up. It is called between the stages. A clock of 32
+    /// bits may start again at 0.
     fn now(&mut self) -> u64;
 
     /// Receives what a stage made. The time of this call is not counted for any stage.
@@ -131,6 +132,12 @@ impl<F: FnMut() -> u64> Observer for F {
     fn now(&mut self) -> u64 {
         self()
     }
+}
+
+/// The ticks between two readings of a clock, which may have 32 bits and start again at 0.
+pub(crate) const fn passed(start: u64, end: u64) -> u64 {
+    let ticks = end.wrapping_sub(start);
+    if end < start { ticks & 0xffff_ffff } else { ticks }
 }
 
 /// Measures the time of the stages.
@@ -149,8 +156,9 @@ impl<'a> Laps<'a> {
     #[inline(never)]
     pub(crate) fn end(&mut self, tally: &mut Tally, output: Output<'_>) {
         let now = self.observer.now();
-        let ticks = now.wrapping_sub(self.last);
-        tally.stats.ticks[output.stage() as usize] += ticks;
+        let ticks = passed(self.last, now);
+        let total = &mut tally.stats.ticks[output.stage() as usize];
+        *total = total.wrapping_add(ticks);
         #[cfg(feature = "defmt")]
         defmt::trace!("{}: {} ticks", output.stage(), ticks);
         self.observer.saw(output);
@@ -162,4 +170,21 @@ fn add(total: &mut StageStats, s: StageStats) {
     total.seen += s.seen;
     total.kept += s.kept;
     total.dropped += s.dropped;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_clock_of_32_bits_may_start_again() {
+        assert_eq!(passed(5, 12), 7);
+        assert_eq!(passed(0xffff_fff0, 0x10), 0x20);
+        assert_eq!(passed(1 << 40, (1 << 40) + 3), 3);
+        let mut stats = Stats::EMPTY;
+        stats.ticks[0] = u64::MAX;
+        let mut sum = stats;
+        sum.add(&stats);
+        assert_eq!(sum.ticks[0], u64::MAX - 1, "no panic");
+    }
 }

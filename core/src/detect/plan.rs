@@ -187,7 +187,7 @@ impl Plan {
         let thorough = self.wish.thorough;
         let when = if i == 0 || thorough { When::Always } else { When::InDoubt(self.rules.doubt[i / n]) };
         let decide = match last {
-            true => Some(Bar { impression: self.rules.impression, score: self.wish.threshold, ..Bar::NONE }),
+            true => Some(Bar { impression: self.impression(), score: self.wish.threshold, ..Bar::NONE }),
             false => (!thorough).then(|| self.first_bar()),
         };
         Some(Step { tier: tiers[i % n], levels, when, matching: self.rules.matching, decide })
@@ -199,11 +199,16 @@ impl Plan {
         Bar { score: self.wish.threshold, ..bar }
     }
 
+    /// Minimum first impression after the last step.
+    fn impression(&self) -> f32 {
+        self.rules.impression * self.wish.threshold
+    }
+
     /// Minimum evidence for a detection after the last of the lists. The odds of the minimum first
     /// impression are multiplied by a factor that grows with the number of objects: a search for
     /// many objects has more chances to be wrong.
     fn bar_of_lists(&self, lists: &Lists) -> Bar {
-        let least = self.rules.impression;
+        let least = self.impression();
         let odds = (lists.odds * self.scope.objects as f32).max(1.0);
         let impression = odds * least / (1.0 + (odds - 1.0) * least);
         Bar { weight: self.rules.voting.min_weight, impression, score: self.wish.threshold, ..Bar::NONE }
@@ -250,14 +255,14 @@ mod tests {
                 "First(0) Coarse Always | 6 18 | 12 0.990 0.800 100 16",
                 "Second(0) Coarse InDoubt(12) | 6 18 | 12 0.990 0.800 100 16",
                 "First(0) Finest InDoubt(24) | 6 18 | 12 0.990 0.800 100 16",
-                "Second(0) Finest InDoubt(24) | 6 18 | 0 0.200 0.800 0 0",
+                "Second(0) Finest InDoubt(24) | 6 18 | 0 0.600 0.800 0 0",
             ]
         );
         assert_eq!(
             table(Scope { second_tiers: false, ..ONE }, Method::Keygraph, Wish { threshold: 0.995, ..WISH }, 0),
             [
                 "First(0) Coarse Always | 6 18 | 12 0.990 0.995 100 16",
-                "First(0) Finest InDoubt(24) | 6 18 | 0 0.200 0.995 0 0",
+                "First(0) Finest InDoubt(24) | 6 18 | 0 0.746 0.995 0 0",
             ]
         );
     }
@@ -270,7 +275,7 @@ mod tests {
                 "First(2) Coarse Always | 6 18 | -",
                 "Second(2) Coarse Always | 6 18 | -",
                 "First(2) Finest Always | 6 18 | -",
-                "Second(2) Finest Always | 6 18 | 0 0.200 0.800 0 0",
+                "Second(2) Finest Always | 6 18 | 0 0.600 0.800 0 0",
             ]
         );
     }
@@ -294,7 +299,7 @@ mod tests {
                 "Shortlist Coarse Always | 6 18 | 12 0.990 0.800 100 16",
                 "Shortlist Finest Always | 6 18 | 12 0.990 0.800 100 16",
                 "Longlist Coarse Always | 6 18 | 12 0.990 0.800 100 16",
-                "Longlist Finest Always | 6 18 | 8 0.500 0.800 0 0",
+                "Longlist Finest Always | 6 18 | 8 0.600 0.800 0 0",
             ]
         );
     }
@@ -308,7 +313,7 @@ mod tests {
                 "Shortlist Coarse Always | 3 16 | 12 0.990 0.800 100 16",
                 "Shortlist Finest InDoubt(20) | 3 16 | 12 0.990 0.800 100 16",
                 "Longlist Coarse InDoubt(20) | 4 16 | 12 0.990 0.800 100 16",
-                "Longlist Finest InDoubt(20) | 4 16 | 8 0.515 0.800 0 0",
+                "Longlist Finest InDoubt(20) | 4 16 | 8 0.600 0.800 0 0",
             ]
         );
         let thousand = table(scope(1000), Method::Keygraph, WISH, 0);

@@ -59,6 +59,11 @@ pub struct Findings {
 impl Findings {
     pub(crate) const EMPTY: Self =
         Self { matches: Vec::new(), candidates: Vec::new(), detections: Vec::new(), named: 0 };
+
+    /// The detections that are the best at their place, and the others.
+    pub(crate) fn by_place(&self) -> (&[Detection], &[Detection]) {
+        self.detections.split_at_checked(self.named).unwrap_or_default()
+    }
 }
 
 /// State of a search.

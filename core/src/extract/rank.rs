@@ -240,6 +240,8 @@ struct Grid<'a> {
     before: &'a mut [f32],
     columns: usize,
     rows: usize,
+    /// Number of corners that have been put.
+    n: usize,
 }
 
 impl<'a> Grid<'a> {
@@ -255,7 +257,7 @@ impl<'a> Grid<'a> {
         let [columns, rows] = most.map(|v| v + 1);
         let (last, rest) = scratch.split_at_mut(columns * rows);
         last.fill(0.0);
-        Self { last, before: &mut rest[..corners.len()], columns, rows }
+        Self { last, before: &mut rest[..corners.len()], columns, rows, n: 0 }
     }
 
     fn cell(p: Point) -> [usize; 2] {
@@ -269,42 +271,100 @@ impl Nearest for Grid<'_> {
         let last = &mut self.last[y * self.columns + x];
         self.before[i] = *last;
         *last = count(i + 1) as f32;
+        self.n = i + 1;
     }
 
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "whole numbers")]
     fn nearest2(&self, corners: &[Corner], p: Point, least: u32) -> u32 {
-        let ([column, row], place) = (Self::cell(p), [p.x, p.y].map(f32::from));
-        let mut near = f32::MAX;
-        // The search goes through the cell of the place, then through rings of cells around it.
+        let place = [p.x, p.y].map(f32::from);
+        let mut search = Search { grid: self, corners, place, least: least as f32, near: f32::MAX };
+        let [column, row] = Self::cell(p);
+        // The search goes through the cell of the place, then along rings of cells around it. Where
+        // that would be longer than the list of all corners, the list is searched.
+        let mut visited = 0;
         for ring in 0..self.columns.max(self.rows) {
-            for y in row.saturating_sub(ring)..(row + ring + 1).min(self.rows) {
-                let whole = y.abs_diff(row) == ring;
-                let cells = &self.last[y * self.columns..][..self.columns];
-                let columns = column.saturating_sub(ring)..(column + ring + 1).min(self.columns);
-                for (x, cell) in columns.clone().zip(&cells[columns]) {
-                    if !whole && x.abs_diff(column) != ring {
-                        continue;
-                    }
-                    let mut number = *cell as usize;
-                    while number > 0 {
-                        // The distance is an `f32`, as in a list: large ones are rounded.
-                        let q = corners[number - 1].point;
-                        near = min(near, distance2(place, [q.x, q.y].map(f32::from)));
-                        number = self.before[number - 1] as usize;
-                    }
-                    if near < least as f32 {
-                        return 0;
-                    }
-                }
+            visited += 8 * ring + 1;
+            if visited > self.n + FEW {
+                return search.all(self.n);
+            }
+            let (left, right) = (column.wrapping_sub(ring), column + ring);
+            let (top, bottom) = (row.wrapping_sub(ring), row + ring);
+            search.row(top, left, right);
+            if ring > 0 {
+                search.row(bottom, left, right);
+            }
+            for y in row.saturating_sub(ring - ring.min(1))..(row + ring).min(self.rows) {
+                search.cell(left, y);
+                search.cell(right, y);
+            }
+            if search.near < search.least {
+                return 0;
             }
             // Corners in cells that have not been searched are at least this far away.
             let reach = (count(ring) << Self::SIZE) as f32;
-            if near <= reach * reach {
+            if search.near <= reach * reach {
                 break;
             }
         }
-        near as u32
+        whole(search.near)
     }
+}
+
+/// Number of cells that are visited in any case, before a list is searched instead.
+const FEW: usize = 25;
+
+/// A search for the corner nearest to a place.
+struct Search<'a> {
+    grid: &'a Grid<'a>,
+    corners: &'a [Corner],
+    place: [f32; 2],
+    least: f32,
+    /// Squared distance to the nearest so far.
+    near: f32,
+}
+
+impl Search<'_> {
+    fn look_at(&mut self, p: Point) {
+        // The distance is an `f32`, as in a list: large ones are rounded.
+        self.near = min(self.near, distance2(self.place, [p.x, p.y].map(f32::from)));
+    }
+
+    /// Looks at the first `n` corners, until one is near enough.
+    fn all(&mut self, n: usize) -> u32 {
+        for c in &self.corners[..n] {
+            self.look_at(c.point);
+            if self.near < self.least {
+                return 0;
+            }
+        }
+        whole(self.near)
+    }
+
+    /// Looks into the cells of a row, from column `left` to column `right`.
+    fn row(&mut self, y: usize, left: usize, right: usize) {
+        let left = if left > right { 0 } else { left };
+        for x in left..(right + 1).min(self.grid.columns) {
+            self.cell(x, y);
+        }
+    }
+
+    /// Looks into a cell, if there is one.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "whole numbers")]
+    #[inline(never)]
+    fn cell(&mut self, x: usize, y: usize) {
+        if x >= self.grid.columns || y >= self.grid.rows {
+            return;
+        }
+        let mut number = self.grid.last[y * self.grid.columns + x] as usize;
+        while number > 0 {
+            self.look_at(self.corners[number - 1].point);
+            number = self.grid.before[number - 1] as usize;
+        }
+    }
+}
+
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a square of 16 bits, or saturating")]
+const fn whole(v: f32) -> u32 {
+    v as u32
 }
 
 /// Keeps the squared radius that at least `limit` corners reach.

@@ -15,6 +15,7 @@
 use core::ops::Range;
 
 use crate::base::math::{self, VECTORS};
+use crate::base::says::says;
 
 /// Value in both chroma planes where a block has no chroma: the block is too dark, or the frame is
 /// gray.
@@ -66,7 +67,6 @@ impl PixelFormat {
 
 /// The reason why a frame was refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum FrameError {
     /// The buffer does not hold exactly one frame. Pass `expected` bytes (rows without padding).
@@ -106,26 +106,28 @@ pub enum FrameError {
     },
 }
 
-impl core::fmt::Display for FrameError {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match *self {
-            Self::WrongLength { expected, given } => {
-                write!(f, "the buffer has {given} bytes; a frame of this size and format has {expected}")
-            }
-            Self::OddWidth { width } => write!(f, "width {width} is odd; this format needs an even width"),
-            Self::OddHeight { height } => write!(f, "height {height} is odd; this format needs an even height"),
-            Self::TooSmall { width, height } => {
-                write!(f, "{width}x{height} is too small; each side must have at least {MIN_SIDE} px")
-            }
-            Self::TooLarge { pixels, max_pixels, side, max_side } => write!(
-                f,
-                "{pixels} pixels with a longer side of {side} px do not fit: at most {max_pixels} pixels and {max_side} px; scale it down, or use a larger profile"
-            ),
-        }
-    }
-}
-
-impl core::error::Error for FrameError {}
+says!(FrameError {
+    Self::WrongLength { expected, given } => (
+        "the buffer has {} bytes; a frame of this size and format has {}",
+        given,
+        expected
+    ),
+    Self::OddWidth { width } => ("width {} is odd; this format needs an even width", width),
+    Self::OddHeight { height } => ("height {} is odd; this format needs an even height", height),
+    Self::TooSmall { width, height } => (
+        "{}x{} is too small; each side must have at least {} px",
+        width,
+        height,
+        MIN_SIDE
+    ),
+    Self::TooLarge { pixels, max_pixels, side, max_side } => (
+        "{} pixels with a longer side of {} px do not fit: at most {} pixels and {} px; scale it down, or use a larger profile",
+        pixels,
+        side,
+        max_pixels,
+        max_side
+    ),
+});
 
 /// A rectangular part of a frame, px.
 #[derive(Clone, Debug, PartialEq, Eq)]

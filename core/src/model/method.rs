@@ -160,7 +160,8 @@ pub struct Parameters {
     /// most about twice as many keygraphs has no second tier. A larger first tier finds the object
     /// more often without the second.
     pub first_tier: usize,
-    /// Minimum first impression of a pose after the last step of a search, [`Bar::impression`].
+    /// Minimum first impression of a pose after the last step of a search, [`Bar::impression`], as
+    /// a part of the minimum score.
     pub impression: f32,
     /// Minimum evidence for a detection while parts of the model or the frame are still unsearched.
     pub first_pass: Bar,
@@ -193,7 +194,7 @@ const KEYGRAPH: Parameters = Parameters {
     prefixes: &[25, 35, 50, 71, 100, 141, 200, 283, 400, 450],
     scalene: Scalene { min_angle_deg: 8.0, min_difference_deg: 4.0, min_side_px: 8.0 },
     first_tier: 1024,
-    impression: 0.2,
+    impression: 0.75,
     first_pass: Bar { weight: 12, impression: 0.99, score: 0.0, heavy: 100, support: 16.0 },
     doubt: [12, 24],
     lists: Some(Lists {
@@ -204,7 +205,7 @@ const KEYGRAPH: Parameters = Parameters {
         few: 16,
         many: 256,
         doubt: 20,
-        odds: 0.25,
+        odds: 0.042,
     }),
     matching: MatchRule {
         tolerance: 8,

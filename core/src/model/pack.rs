@@ -12,6 +12,7 @@
 //! each object).
 
 use crate::base::capacity::id;
+use crate::base::says::says;
 use crate::extract::feature::{FeatureKind, NO_CHROMA_BYTE, sketch};
 use crate::extract::keygraph::{CELLS, COSTS, MAX_COST};
 use crate::image::frame::NO_CHROMA;
@@ -24,7 +25,6 @@ use crate::model::table::is_one_of;
 
 /// The reason why models cannot be packed into one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum PackError {
     /// There is no model to pack.
@@ -46,24 +46,15 @@ pub enum PackError {
     },
 }
 
-impl core::fmt::Display for PackError {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match *self {
-            Self::Nothing => write!(f, "there is no model to pack"),
-            Self::Different { index } => write!(
-                f,
-                "model {} was trained by another method than the first: train all with `--preset paper`, or none",
-                index + 1
-            ),
-            Self::TooMany => {
-                write!(f, "more than 65,535 objects or views, or 4 GiB, do not fit one model: split them over several")
-            }
-            Self::NoRoom { needed, given } => write!(f, "{given} bytes cannot hold the packed model of {needed}"),
-        }
-    }
-}
-
-impl core::error::Error for PackError {}
+says!(PackError {
+    Self::Nothing => ("there is no model to pack"),
+    Self::Different { index } => (
+        "model {} was trained by another method than the first: train all with `--preset paper`, or none",
+        index + 1
+    ),
+    Self::TooMany => ("more than 65,535 objects or views, or 4 GiB, do not fit one model: split them over several"),
+    Self::NoRoom { needed, given } => ("{} bytes cannot hold the packed model of {}", given, needed),
+});
 
 /// Checks that `models` can be packed together. Returns the sums of their counts, and the tiers of
 /// the packed model.

@@ -9,6 +9,7 @@
 
 use crate::base::capacity::TEMPLATE_SIDE;
 use crate::base::geometry::{Homography, Point};
+use crate::base::says::says;
 use crate::extract::feature::FeatureKind;
 use crate::extract::keygraph::CELLS;
 use crate::image::plane::Plane;
@@ -22,7 +23,6 @@ use crate::model::method::Method;
 
 /// The reason why bytes are not a valid model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum ModelError {
     /// The bytes do not start as a model does: pass a `.kgm` file.
@@ -66,35 +66,31 @@ pub enum ModelError {
     },
 }
 
-impl core::fmt::Display for ModelError {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match *self {
-            Self::NotAModel => write!(f, "this is not a keygraph model: make one with `keygraph train`"),
-            Self::NewerVersion { found } => write!(
-                f,
-                "model version {found} is newer than version {VERSION}, which this program reads: update the program, or train again"
-            ),
-            Self::OlderVersion { found } => write!(
-                f,
-                "model version {found} is older than version {VERSION}, which this program reads: train again (and pack again)"
-            ),
-            Self::Truncated { expected, given } => {
-                write!(f, "the model is cut off: {given} bytes of {expected}; copy it again")
-            }
-            Self::TrailingBytes { expected, given } => {
-                write!(f, "{given} bytes where the model has {expected}: something was appended; copy it again")
-            }
-            Self::Checksum { expected, computed } => {
-                write!(f, "the model is damaged (CRC-32 {computed:08x} instead of {expected:08x}); copy it again")
-            }
-            Self::Inconsistent { section } => {
-                write!(f, "the model contradicts itself in its {section}; train again")
-            }
-        }
-    }
-}
-
-impl core::error::Error for ModelError {}
+says!(ModelError {
+    Self::NotAModel => ("this is not a keygraph model: make one with `keygraph train`"),
+    Self::NewerVersion { found } => (
+        "model version {} is newer than version {}, which this program reads: update the program, or train again",
+        found,
+        VERSION
+    ),
+    Self::OlderVersion { found } => (
+        "model version {} is older than version {}, which this program reads: train again (and pack again)",
+        found,
+        VERSION
+    ),
+    Self::Truncated { expected, given } => ("the model is cut off: {} bytes of {}; copy it again", given, expected),
+    Self::TrailingBytes { expected, given } => (
+        "{} bytes where the model has {}: something was appended; copy it again",
+        given,
+        expected
+    ),
+    Self::Checksum { expected, computed } => (
+        "the model is damaged (CRC-32 {:08x} instead of {:08x}); copy it again",
+        computed,
+        expected
+    ),
+    Self::Inconsistent { section } => ("the model contradicts itself in its {}; train again", section),
+});
 
 /// An object of a model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -24,6 +24,7 @@ use heapless::Vec;
 use crate::base::capacity::{StageStats, TEMPLATE_SIDE, chroma_bytes, count, id, luma_bytes, pixels_of};
 use crate::base::geometry::{Homography, Point};
 use crate::base::math;
+use crate::base::says::says;
 use crate::extract::corners::{Corner, SCRATCH_ROWS, detect_corners};
 use crate::extract::feature::{FeatureKind, extract, signature};
 use crate::extract::keygraph::{CELLS, Keygraph, MAX_COST, cost};
@@ -80,7 +81,6 @@ impl<'a> TrainParams<'a> {
 
 /// The reason why a picture could not be trained.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum TrainError {
     /// The picture was refused as a frame.
@@ -118,36 +118,34 @@ pub enum TrainError {
     },
 }
 
-impl core::fmt::Display for TrainError {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match self {
-            Self::Picture(e) => e.fmt(f),
-            Self::NoRoom { needed, given } => {
-                write!(f, "{given} bytes cannot hold the model: {needed} are needed before the first keygraph")
-            }
-            Self::NothingToHold { keypoints } => write!(
-                f,
-                "the picture has too little to hold on to ({keypoints} corners): use one with more texture, sharper or brighter"
-            ),
-            Self::TooNarrow { width, height } => write!(
-                f,
-                "{width}x{height} px (as trained on) is too small or too narrow: each side needs {MIN_VIEW_SIDE} px and better 100; use a larger picture or a less elongated part of the object"
-            ),
-            Self::Views => write!(
-                f,
-                "a model is made from 1 to {MAX_VIEWS} views, each with a side above 0 px, a squeeze from 0.01 to 1 and a finite direction"
-            ),
-            Self::Original { width, height } => {
-                write!(
-                    f,
-                    "the original is said to have {width}x{height} px: each side must have 1 to {MAX_PICTURE_SIDE}"
-                )
-            }
-        }
-    }
-}
-
-impl core::error::Error for TrainError {}
+says!(TrainError {
+    Self::Picture(e) => ("{}", e),
+    Self::NoRoom { needed, given } => (
+        "{} bytes cannot hold the model: {} are needed before the first keygraph",
+        given,
+        needed
+    ),
+    Self::NothingToHold { keypoints } => (
+        "the picture has too little to hold on to ({} corners): use one with more texture, sharper or brighter",
+        keypoints
+    ),
+    Self::TooNarrow { width, height } => (
+        "{}x{} px (as trained on) is too small or too narrow: each side needs {} px and better 100; use a larger picture or a less elongated part of the object",
+        width,
+        height,
+        MIN_VIEW_SIDE
+    ),
+    Self::Views => (
+        "a model is made from 1 to {} views, each with a side above 0 px, a squeeze from 0.01 to 1 and a finite direction",
+        MAX_VIEWS
+    ),
+    Self::Original { width, height } => (
+        "the original is said to have {}x{} px: each side must have 1 to {}",
+        width,
+        height,
+        MAX_PICTURE_SIDE
+    ),
+});
 
 impl From<FrameError> for TrainError {
     fn from(e: FrameError) -> Self {

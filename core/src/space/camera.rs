@@ -36,6 +36,7 @@
 
 use crate::base::geometry::Homography;
 use crate::base::math;
+use crate::base::says::says;
 use crate::detect::pose::solve;
 
 /// Number of points along each side of the grid over the picture.
@@ -49,7 +50,6 @@ const TELLING_PX: f32 = 0.5;
 
 /// The reason why there is no pose.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum CameraError {
     /// A focal length is not above zero, or a number is not finite. Pass the intrinsics of a
@@ -62,17 +62,11 @@ pub enum CameraError {
     Homography,
 }
 
-impl core::fmt::Display for CameraError {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.write_str(match self {
-            Self::Intrinsics => "intrinsics are four finite numbers, the focal lengths above 0: calibrate the camera",
-            Self::Size => "the object's size must be above 0: give its width in mm",
-            Self::Homography => "no pose has this homography: it shows the plane from behind or edge on",
-        })
-    }
-}
-
-impl core::error::Error for CameraError {}
+says!(CameraError {
+    Self::Intrinsics => ("intrinsics are four finite numbers, the focal lengths above 0: calibrate the camera"),
+    Self::Size => ("the object's size must be above 0: give its width in mm"),
+    Self::Homography => ("no pose has this homography: it shows the plane from behind or edge on"),
+});
 
 /// A pinhole camera. All its numbers are in px of the frame as it was given to the detector. Pixel
 /// centres lie at integers, as in OpenCV.

@@ -68,18 +68,28 @@ fn figures(run: &Run) -> Value {
     })
 }
 
-/// Compares a run with the baseline. Returns one line for each figure that grew beyond its margin.
+/// Returns the most instructions that a frame of a run took.
+fn most(run: &Run) -> u64 {
+    run.cost().last().map_or(0, |(_, _, most)| *most)
+}
+
+/// Compares a run on the sample, and one on hard frames, with the baseline. Returns one line for each figure that grew beyond its margin.
 ///
 /// # Errors
 /// Fails if the baseline cannot be read, or if it has no entry for the run.
-pub fn compare(run: &Run) -> Result<Vec<String>> {
+pub fn compare(run: &Run, worst: &Run) -> Result<Vec<String>> {
     let path = path()?;
     let text = fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()))?;
     let baseline: Value = serde_json::from_str(&text).with_context(|| path.display().to_string())?;
     let name = name(run);
     let was = baseline["boards"].get(&name).with_context(|| format!("{} has nothing of {name}", path.display()))?;
     let wider = if baseline["compiler"] == compiler()? { 1 } else { OTHER_COMPILER };
-    Ok(grown(was, &figures(run), wider).iter().map(|line| format!("{name}: {line}")).collect())
+    let mut lines: Vec<String> = grown(was, &figures(run), wider).iter().map(|l| format!("{name}: {l}")).collect();
+    let (before, now) = (was["worst"].as_u64().unwrap_or(0), most(worst));
+    if now > before + before * wider * TOTAL_MARGIN / 100 {
+        lines.push(format!("{name}: the hardest frame takes {now} instructions, more than {before}"));
+    }
+    Ok(lines)
 }
 
 /// Returns one line for each figure of `is` that exceeds `was` by more than its margin.
@@ -109,8 +119,13 @@ fn grown(was: &Value, is: &Value, wider: u64) -> Vec<String> {
 ///
 /// # Errors
 /// Fails if a file cannot be read or written, or if the README has no place for the tables.
-pub fn renew(runs: &[Run]) -> Result<()> {
-    let boards: serde_json::Map<_, _> = runs.iter().map(|run| (name(run), figures(run))).collect();
+pub fn renew(runs: &[Run], worst: &[Run]) -> Result<()> {
+    let board = |(run, worst): (&Run, &Run)| {
+        let mut figures = figures(run);
+        figures["worst"] = most(worst).into();
+        (name(run), figures)
+    };
+    let boards: serde_json::Map<_, _> = runs.iter().zip(worst).map(board).collect();
     let baseline = json!({"compiler": compiler()?, "boards": boards});
     fs::write(path()?, format!("{}\n", serde_json::to_string_pretty(&baseline)?))
         .context("cannot write the baseline")?;
@@ -150,6 +165,7 @@ fn tables(baseline: &Value) -> String {
     for (i, name) in listed("instructions").enumerate() {
         out += &row(name, &|board| format!("{:.1}", board["instructions"][i][1].as_f64().unwrap_or(0.0) / 1e6));
     }
+    out += &row("total, hardest of 50 frames", &|board| format!("{:.1}", board["worst"].as_f64().unwrap_or(0.0) / 1e6));
     out
 }
 

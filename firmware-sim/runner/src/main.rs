@@ -60,6 +60,9 @@ struct Cli {
     /// of the sample are searched, and no arguments are needed
     #[arg(long, conflicts_with_all = ["learn", "camera", "inputs", "format"])]
     baseline: bool,
+    /// Search the frames that are hard on a search: patterns, noise, copies of the object
+    #[arg(long, conflicts_with_all = ["baseline", "learn", "camera", "inputs"])]
+    worst: bool,
     /// Measure the sample on all boards, and write firmware-sim/baseline.json and the tables of
     /// firmware-sim/README.md again
     #[arg(long, exclusive = true)]
@@ -75,7 +78,7 @@ struct Cli {
     verbose: u8,
     /// A model, then frames: pictures, folders, videos. Without a model, the sample model (of
     /// assets/pictures/astronaut.jpg) is linked in
-    #[arg(required_unless_present_any = ["baseline", "renew", "ends"], value_name = "[MODEL] FRAME")]
+    #[arg(required_unless_present_any = ["baseline", "worst", "renew", "ends"], value_name = "[MODEL] FRAME")]
     inputs: Vec<PathBuf>,
 }
 
@@ -109,27 +112,36 @@ struct Shot {
 
 /// Measures the sample on all boards, and writes the baseline and the tables.
 fn renew() -> Result<bool> {
-    let mut runs = Vec::new();
+    let (mut runs, mut worst) = (Vec::new(), Vec::new());
     for profile in ["vga", "qvga", "qqvga"] {
         let cli = Cli::parse_from(["scripts/board", "--baseline", "--tables", "--check", "--profile", profile]);
-        let (fine, run) = searched(&cli, &sample::frames()?)?;
-        ensure!(fine, "this machine and the board differ with {profile}: nothing was written");
-        runs.extend(run);
+        for (frames, to) in [(sample::frames()?, &mut runs), (cli.hard_frames(true)?, &mut worst)] {
+            let (fine, run) = searched(&cli, &frames)?;
+            ensure!(fine, "this machine and the board differ with {profile}: nothing was written");
+            to.extend(run);
+        }
     }
-    baseline::renew(&runs)?;
+    baseline::renew(&runs, &worst)?;
     Ok(true)
 }
 
 /// Runs what the command line asks for. Returns whether every frame could be read and every check
 /// passed, and the figures of the run.
 fn board(cli: &Cli) -> Result<(bool, Option<Run>)> {
+    if cli.worst {
+        return searched(cli, &cli.hard_frames(true)?);
+    }
     if !cli.baseline {
         return searched(cli, &cli.inputs);
     }
     let (mut fine, run) = searched(cli, &sample::frames()?)?;
-    for line in run.iter().map(baseline::compare).collect::<Result<Vec<_>>>()?.iter().flatten() {
-        fine = false;
-        eprintln!("board: {line}");
+    let (fine_too, worst) = searched(cli, &cli.hard_frames(false)?)?;
+    fine &= fine_too;
+    if let (Some(run), Some(worst)) = (&run, &worst) {
+        for line in baseline::compare(run, worst)? {
+            fine = false;
+            eprintln!("board: {line}");
+        }
     }
     let advice = if fine { "no more than the baseline" } else { "if that has to be, run scripts/board --renew" };
     eprintln!("board: {advice}");
@@ -289,6 +301,10 @@ fn gather(cli: &Cli, inputs: &[PathBuf]) -> Result<(Vec<Shot>, Vec<u8>, bool)> {
 }
 
 impl Cli {
+    fn hard_frames(&self, all: bool) -> Result<Vec<PathBuf>> {
+        sample::hard_frames(host_profile(self.profile).limits(), all)
+    }
+
     const fn profile_pixels(&self) -> usize {
         host_profile(self.profile).limits().1
     }

@@ -8,6 +8,7 @@ use std::fs;
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
+use keygraph::hard::write;
 use keygraph::learn::{Preset, train};
 use keygraph::picture::read_picture;
 
@@ -27,6 +28,23 @@ pub const FRAMES: [&str; 4] =
 pub fn frames() -> Result<Vec<PathBuf>> {
     let root = root()?;
     Ok(FRAMES.map(|f| root.join(f)).to_vec())
+}
+
+/// Frames of [`keygraph::hard`] that cost the most, one for each stage that they strain: what a change
+/// must not make worse. `scripts/board --worst` searches all.
+pub const HARDEST: [&str; 8] =
+    ["exchanged", "dots-24", "dots-48", "crossed-16", "crossed-24", "leaves", "copies", "checkerboard-8"];
+
+/// Makes the frames that are hard on a search, and returns their paths: the hardest, or all.
+///
+/// # Errors
+/// Fails if a file cannot be written.
+pub fn hard_frames((side, pixels): (usize, usize), all: bool) -> Result<Vec<PathBuf>> {
+    let size = [u32::try_from(side)?, u32::try_from(pixels / side)?];
+    let folder = targets()?.join(format!("hard-frames/{}x{}", size[0], size[1]));
+    let mut paths = write(&read_picture(&root()?.join(PICTURE))?, size, &folder)?;
+    paths.retain(|path| all || HARDEST.iter().any(|&name| path.file_stem().is_some_and(|stem| stem == name)));
+    Ok(paths)
 }
 
 /// Trains the model, and returns the path of its file and its bytes.

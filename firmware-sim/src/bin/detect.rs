@@ -6,7 +6,7 @@
 #![no_main]
 
 use keygraph_core::Model;
-use keygraph_firmware_sim::board::{Link, finish, frame_buffer, model, start_clock};
+use keygraph_firmware_sim::board::{Link, fail, finish, frame_buffer, model, start_clock};
 use keygraph_firmware_sim::profile::Detector;
 use keygraph_firmware_sim::search::search_all;
 
@@ -17,7 +17,7 @@ fn main() -> ! {
     let (mut link, job) = Link::open();
     match Model::parse(model()) {
         Ok(model) => search_all(DETECTOR, &model, &job, &mut link, frame_buffer()),
-        Err(e) => panic!("the model in flash: {e}"),
+        Err(e) => fail("the model in flash", e),
     }
     finish()
 }

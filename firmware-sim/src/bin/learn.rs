@@ -7,7 +7,7 @@
 #![no_main]
 
 use keygraph_core::Model;
-use keygraph_firmware_sim::board::{Arena, Link, finish, frame_buffer, program, stack_bytes, start_clock, ticks};
+use keygraph_firmware_sim::board::{Arena, Link, fail, finish, frame_buffer, program, stack_bytes, start_clock, ticks};
 use keygraph_firmware_sim::learn::Learner;
 use keygraph_firmware_sim::profile::Detector;
 use keygraph_firmware_sim::search::search_all;
@@ -30,8 +30,8 @@ fn main() -> ! {
     let taken = ticks() - start;
     let model = match learnt.map(Model::parse) {
         Ok(Ok(model)) => model,
-        Ok(Err(e)) => panic!("the model that was learnt: {e}"),
-        Err(e) => panic!("cannot learn: {e}"),
+        Ok(Err(e)) => fail("the model that was learnt", e),
+        Err(e) => fail("cannot learn", e),
     };
     defmt::info!("learnt {} keygraphs, {} bytes", model.keygraphs(), model.bytes().len());
     for word in [taken as u32, model.bytes().len() as u32, model.keygraphs() as u32, stack_bytes()] {
