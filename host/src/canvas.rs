@@ -10,7 +10,7 @@ use std::io::{BufWriter, Write};
 use std::ops::Range;
 use std::path::Path;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Result, bail};
 use embedded_graphics::Pixel;
 use embedded_graphics::pixelcolor::Rgb888;
 use embedded_graphics::prelude::*;
@@ -19,6 +19,7 @@ use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder, ImageResult};
 
+use crate::output::write_file;
 use crate::picture::{Picture, Pixels, extension};
 
 const JPEG_QUALITY: u8 = 92;
@@ -71,7 +72,7 @@ impl Canvas {
     pub fn save(&self, path: &Path) -> Result<()> {
         match extension(path).as_str() {
             "png" => self.save_png(path),
-            "jpg" | "jpeg" => self.write_file(path, |file| {
+            "jpg" | "jpeg" => self.write(path, |file| {
                 JpegEncoder::new_with_quality(file, JPEG_QUALITY).encode(
                     &self.rgb,
                     self.width,
@@ -88,16 +89,17 @@ impl Canvas {
     /// # Errors
     /// When the file cannot be written.
     pub fn save_png(&self, path: &Path) -> Result<()> {
-        self.write_file(path, |file| {
+        self.write(path, |file| {
             PngEncoder::new(file).write_image(&self.rgb, self.width, self.height, ExtendedColorType::Rgb8)
         })
     }
 
-    fn write_file(&self, path: &Path, encode: impl FnOnce(&mut BufWriter<File>) -> ImageResult<()>) -> Result<()> {
-        let unwritable = || format!("cannot save {}", path.display());
-        let mut file = BufWriter::new(File::create(path).with_context(unwritable)?);
-        encode(&mut file).with_context(unwritable)?;
-        file.flush().with_context(unwritable)
+    fn write(&self, path: &Path, encode: impl FnOnce(&mut BufWriter<&mut File>) -> ImageResult<()>) -> Result<()> {
+        write_file(path, |file| {
+            let mut buffered = BufWriter::new(file);
+            encode(&mut buffered)?;
+            Ok(buffered.flush()?)
+        })
     }
 
     /// The longer of width and height, px.

@@ -5,6 +5,7 @@
 //! and some frames. Cost: two trainings and 48 searches.
 
 use std::fs;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
@@ -14,6 +15,7 @@ use serde_json::Value;
 use crate::gallery::Gallery;
 use crate::input::{Source, read_picture};
 use crate::learn::{Preset, merge, train};
+use crate::output::{Inputs, write_file};
 use crate::progress::Progress;
 use crate::render::{RIGHT, corner_error};
 use crate::run::{Options, default_threads, run};
@@ -73,7 +75,7 @@ pub fn demo(assets: &Path, out: &Path) -> Result<[Tally; 2]> {
     fs::create_dir_all(&frames).with_context(|| format!("cannot make the folder {}", frames.display()))?;
     let packed = train_objects(assets)?;
     let model_path = out.join("demo.kgm");
-    fs::write(&model_path, &packed).with_context(|| format!("cannot write {}", model_path.display()))?;
+    write_file(&model_path, |file| Ok(file.write_all(&packed)?))?;
     let tallies = search_sequence(&Model::parse(&packed)?, &sequence, &frames)?;
     for (name, t) in OBJECTS.iter().zip(&tallies) {
         println!(
@@ -112,7 +114,7 @@ fn search_sequence(model: &Model<'_>, sequence: &Path, frames: &Path) -> Result<
     let inputs = [sequence.to_path_buf()];
     let mut source = Source::open(&inputs)?;
     let progress = Progress::new(source.len_hint(), "frames");
-    let mut gallery = Gallery::new(frames, &inputs)?;
+    let mut gallery = Gallery::new(frames, Inputs::of(inputs.iter().map(PathBuf::as_path)))?;
     let options = Options {
         request: Request::new(Profile::Vga, DEFAULT_THRESHOLD),
         threads: default_threads(),

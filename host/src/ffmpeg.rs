@@ -19,10 +19,20 @@ const MAX_MESSAGE_BYTES: usize = 4096;
 const NO_FFMPEG: &str = "video needs ffmpeg: install it with `sudo apt-get install ffmpeg` \
                          (Debian/Ubuntu) or `brew install ffmpeg` (macOS)";
 
+/// Formats that ffmpeg may read, by its names for them: videos and pictures, each in one file. Not
+/// among them are playlists and scripts (hls, dash, concat, ...), which name other files.
+const FORMATS: &str = "3gp,apng,asf,avi,avs2,avs3,av1,bmp_pipe,dv,flv,gif,gxf,h261,h263,h264,hevc,ivf,m4v,\
+                       matroska,mjpeg,mov,mp4,mpeg,mpegts,mpegvideo,mxf,nut,obu,ogg,rm,tiff_pipe,vc1,webm,\
+                       webp_pipe,wtv,yuv4mpegpipe";
+
+/// What ffmpeg says of another format.
+const NOT_LISTED: &str = "not on whitelist";
+
 /// Arguments that decode the video `path` to a YUV4MPEG2 stream on standard output.
 pub(crate) fn decoding_arguments(path: &Path) -> Vec<OsString> {
-    // The whitelist keeps a playlist from reaching into the network.
-    let mut arguments: Vec<OsString> = ["-protocol_whitelist", "file", "-i"].map(OsString::from).to_vec();
+    // A file that names others must not reach into the network, nor to the files of this machine.
+    let limits = ["-protocol_whitelist", "file", "-format_whitelist", FORMATS, "-i"];
+    let mut arguments = limits.map(OsString::from).to_vec();
     arguments.push(file_argument(path));
     let output = ["-an", "-sn", "-dn", "-vf", CROP_TO_EVEN]
         .into_iter()
@@ -31,6 +41,7 @@ pub(crate) fn decoding_arguments(path: &Path) -> Vec<OsString> {
     arguments.extend(output.map(OsString::from));
     arguments
 }
+
 /// `path` as an argument. Without `file:`, ffmpeg would take a name such as `a:b.mp4` for
 /// a protocol.
 pub(crate) fn file_argument(path: &Path) -> OsString {
@@ -83,6 +94,10 @@ impl Ffmpeg {
         self.child.stdout = None;
         let status = self.child.wait().context("cannot wait for ffmpeg")?;
         let messages = self.messages.take().and_then(|thread| thread.join().ok()).unwrap_or_default();
+        ensure!(
+            !messages.contains(NOT_LISTED),
+            "it is a playlist or another format that is not read: give the video itself"
+        );
         ensure!(status.success(), "ffmpeg failed ({status}): {messages}");
         Ok(messages)
     }

@@ -12,6 +12,7 @@ use anyhow::{Context, Result, bail, ensure};
 
 use crate::canvas::Canvas;
 use crate::input::Kind;
+use crate::output::{Inputs, check_output};
 use crate::picture::{EXTENSIONS, extension};
 use crate::video::VideoWriter;
 
@@ -23,8 +24,8 @@ const STILLS_FPS: (u32, u32) = (10, 1);
 #[derive(Debug)]
 pub struct Gallery {
     target: Target,
-    /// Resolved paths of the inputs, which must not be overwritten.
-    inputs: HashSet<PathBuf>,
+    /// The inputs, which must not be overwritten.
+    inputs: Inputs,
     written: HashSet<PathBuf>,
     video: Option<Running>,
 }
@@ -45,24 +46,35 @@ struct Running {
 }
 
 impl Gallery {
-    /// Makes a gallery; the extension of `path` decides what it writes, and without one it
-    /// makes a folder. No file of `inputs` will be overwritten, nor a file in a folder among
-    /// them.
+    /// Makes a gallery; the extension of `path` decides what it writes. Without one, or with
+    /// a slash at the end, it makes a folder. No file of `inputs` will be overwritten.
     ///
     /// # Errors
-    /// When the folder cannot be made.
-    pub fn new(path: &Path, inputs: &[PathBuf]) -> Result<Self> {
+    /// When the extension is not known, the folder cannot be made, or the file would
+    /// overwrite an input.
+    pub fn new(path: &Path, inputs: Inputs) -> Result<Self> {
+        let is_folder = path.is_dir() || path.as_os_str().as_encoded_bytes().ends_with(b"/");
         let target = match extension(path).as_str() {
-            _ if path.is_dir() => Target::Folder(path.into()),
-            e if VIDEOS.contains(&e) => Target::Video(path.into()),
-            e if EXTENSIONS.contains(&e) => Target::Picture(path.into()),
-            _ => {
+            e if is_folder || e.is_empty() => {
                 fs::create_dir_all(path).with_context(|| format!("cannot make the folder {}", path.display()))?;
                 Target::Folder(path.into())
             }
+            e if VIDEOS.contains(&e) => Target::Video(path.into()),
+            e if EXTENSIONS.contains(&e) => Target::Picture(path.into()),
+            e => bail!(
+                "--annotate {} ends with .{e}, which is not known: give a picture (.{}), a video (.{}), or a folder: \
+                 a name without an extension, or with / at its end",
+                path.display(),
+                EXTENSIONS.join(", ."),
+                VIDEOS.join(", .")
+            ),
         };
-        let inputs = inputs.iter().filter_map(|i| fs::canonicalize(i).ok()).collect();
-        Ok(Self { target, inputs, written: HashSet::new(), video: None })
+        let gallery = Self { target, inputs, written: HashSet::new(), video: None };
+        if let Target::Video(file) | Target::Picture(file) = &gallery.target {
+            gallery.refuse_input(file)?;
+            check_output(file, &gallery.inputs)?;
+        }
+        Ok(gallery)
     }
 
     /// Adds a frame.
@@ -154,9 +166,11 @@ impl Gallery {
     }
 
     fn refuse_input(&self, path: &Path) -> Result<()> {
-        let is_input = fs::canonicalize(path)
-            .is_ok_and(|p| self.inputs.contains(&p) || p.parent().is_some_and(|f| self.inputs.contains(f)));
-        ensure!(!is_input, "--annotate would overwrite the input {}: give another folder", path.display());
+        ensure!(
+            !self.inputs.contain(path),
+            "--annotate would overwrite the input {}: give another folder",
+            path.display()
+        );
         Ok(())
     }
 

@@ -216,7 +216,9 @@ fn pictures_in(folder: &Path) -> Result<Vec<PathBuf>> {
     for entry in fs::read_dir(folder).with_context(unreadable)? {
         let path = entry.with_context(unreadable)?.path();
         let hidden = path.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b"."));
-        if !hidden && has_extension(&path, &EXTENSIONS) && !path.is_dir() {
+        // A pipe or a device could make the search wait for ever. A broken link is reported later.
+        let other = fs::metadata(&path).is_ok_and(|found| !found.is_file());
+        if !hidden && has_extension(&path, &EXTENSIONS) && !other {
             pictures.push(path);
         }
     }
@@ -541,6 +543,25 @@ mod tests {
         assert!(frames[0].picture.is_ok());
         let last = frames.pop().expect("a last frame");
         assert_says(last.picture, "ffmpeg says");
+    }
+
+    #[test]
+    fn a_playlist_is_refused_whatever_its_name() {
+        let folder = Folder::new("playlist");
+        let secret = folder.0.join("secret.ts");
+        if !ffmpeg_makes("-f lavfi -i testsrc=size=64x48:rate=5:duration=1", &secret) {
+            return;
+        }
+        let hls = "#EXTM3U\n#EXT-X-TARGETDURATION:1\n#EXTINF:1,\nsecret.ts\n#EXT-X-ENDLIST\n";
+        let concat = "ffconcat version 1.0\nfile secret.ts\n";
+        for (name, list) in [("hls.mp4", hls), ("hls.m3u8", hls), ("concat.mkv", concat)] {
+            let path = folder.0.join(name);
+            fs::write(&path, list).expect("writes");
+            let frames: Vec<_> = Source::open(&[path]).expect("opens").collect();
+            assert_eq!(frames.len(), 1, "{name} shows other files");
+            assert_says(frames.into_iter().next().expect("one").picture, "it is a playlist");
+        }
+        assert_eq!(Source::open(&[secret]).expect("opens").count(), 5, "the video itself is read");
     }
 
     #[test]

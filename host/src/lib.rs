@@ -3,10 +3,11 @@
 //!
 //! A file uses only files above it:
 //!
+//! - [`file`]: which names stand for one file, and how a whole file is read
 //! - [`picture`], [`yuv4mpeg`]: pixels, and the files and streams that hold them
 //! - `ffmpeg`: the child process that decodes and encodes videos
 //! - [`input`]: pictures, folders, videos and streams as one sequence of frames
-//! - [`output`]: lines on standard output, and checks of files that will be written
+//! - [`output`]: lines on standard output, and files: whole, or as they were
 //! - [`canvas`], [`annotate`], [`video`], [`progress`]: what is drawn, written and shown
 //! - [`sensor`]: pixels as a camera's sensor would give them
 //! - [`search`]: one frame through a detector of the right size
@@ -30,6 +31,7 @@
 //! - [`camera`]: live frames of a camera
 //! - [`demo`]: the whole path on the pictures of the repository
 
+pub mod file;
 pub mod picture;
 pub mod yuv4mpeg;
 mod ffmpeg;

@@ -8,6 +8,8 @@ mod cli;
 use std::io;
 use std::process::ExitCode;
 
+use keygraph::output::plain_lines;
+
 fn main() -> ExitCode {
     match cli::run() {
         Ok(code) => code,
@@ -16,7 +18,7 @@ fn main() -> ExitCode {
             ExitCode::SUCCESS
         }
         Err(e) => {
-            eprintln!("keygraph: {e:#}");
+            eprintln!("keygraph: {}", plain_lines(&format!("{e:#}")));
             ExitCode::FAILURE
         }
     }

@@ -3,13 +3,14 @@
 //! In: a PNG or JPEG file. Out: its pixels, upright, 8 bits a sample, gray or RGB.
 //! Memory: the file and the decoded picture.
 
-use std::fs;
 use std::io::{self, Cursor};
 use std::path::Path;
 use std::str::FromStr;
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader};
+
+use crate::file::read_whole;
 
 /// Pixels in rows from the top, without padding.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -152,7 +153,7 @@ fn opaque_part(image: &DynamicImage) -> Option<Part> {
 /// Decodes a PNG or JPEG file and turns it upright.
 fn open_upright(path: &Path) -> Result<DynamicImage> {
     let name = path.display();
-    let bytes = fs::read(path).map_err(|error| match error.kind() {
+    let bytes = read_whole(path).map_err(|error| match error.kind() {
         io::ErrorKind::NotFound => anyhow!("{name}: no such file"),
         _ => anyhow!("{name}: cannot be read: {error}"),
     })?;

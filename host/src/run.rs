@@ -17,6 +17,7 @@ use keygraph_core::{Model, PlanePose};
 
 use crate::annotate::{Canvas, Outline, colour, draw_axes, draw_corners, draw_label, draw_outline, draw_triangles};
 use crate::input::{Kind, Pending, Picture, Source, SourceFrame};
+use crate::output::plain;
 use crate::pose::Calibration;
 use crate::search::{Found, MAX_THREADS, Request, search_for};
 use crate::trail::Trail;
@@ -210,7 +211,7 @@ pub fn draw(picture: &Picture, model: &Model<'_>, found: &Found) -> Canvas {
             corners: d.corners,
             label: {
                 let id = found.tracking.as_ref().map_or_else(String::new, |t| format!(" #{}", t.seen[i].0));
-                format!("{}{id} {:.2}", model.object(usize::from(d.object)).name, d.score)
+                format!("{}{id} {:.2}", plain(model.object(usize::from(d.object)).name), d.score)
             },
             colour_index: usize::from(d.object),
         })

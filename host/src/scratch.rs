@@ -1,4 +1,4 @@
-//! What the unit tests share: temporary folders, checks of errors, videos.
+//! What the unit tests share: temporary folders, named pipes, checks of errors, videos.
 
 use std::env;
 use std::fs;
@@ -34,6 +34,11 @@ pub(crate) fn message<T>(result: anyhow::Result<T>) -> String {
 pub(crate) fn assert_says<T>(result: anyhow::Result<T>, part: &str) {
     let message = message(result);
     assert!(message.contains(part), "{part:?} is not in {message:?}");
+}
+
+/// Makes a named pipe.
+pub(crate) fn make_fifo(path: &Path) {
+    assert!(Command::new("mkfifo").arg(path).status().expect("mkfifo").success());
 }
 
 /// Runs `ffmpeg -v error` with `arguments`, which are split at spaces, and the output

@@ -14,11 +14,12 @@ use anyhow::{Context, Result, anyhow, bail, ensure};
 
 use crate::canvas::Canvas;
 use crate::ffmpeg::{Ffmpeg, file_argument};
+use crate::output::Draft;
 use crate::picture::extension;
 use crate::yuv4mpeg::CROP_TO_EVEN;
 
 /// A video that is being written. When it is dropped before
-/// [`finish`](Self::finish), ffmpeg is stopped and the file cannot be used.
+/// [`finish`](Self::finish), ffmpeg is stopped and nothing is left of the file.
 #[derive(Debug)]
 pub struct VideoWriter {
     name: String,
@@ -28,17 +29,19 @@ pub struct VideoWriter {
     pipe: Option<ChildStdin>,
     /// The program; `None` once it has failed.
     ffmpeg: Option<Ffmpeg>,
+    /// The file. It comes after ffmpeg, which is stopped before the file is removed.
+    draft: Draft,
 }
 
 impl VideoWriter {
     /// Starts a video of frames of `width` x `height` pixels. `fps` is frames per second
     /// as numerator and denominator. The extension chooses the format: H.264 for mp4, m4v,
     /// mkv and mov, MPEG-4 part 2 for avi, VP9 for webm. The last column or row of an odd
-    /// size is left out. An existing file is overwritten: it must not be the video that is
-    /// being read.
+    /// size is left out. An existing file is replaced when the video is finished: it must not
+    /// be the video that is being read.
     ///
     /// # Errors
-    /// When the extension is none of these, or there is no ffmpeg.
+    /// When the extension is none of these, the file cannot be written, or there is no ffmpeg.
     pub fn create(path: &Path, width: u32, height: u32, fps: (u32, u32)) -> Result<Self> {
         let name = path.display().to_string();
         ensure!(fps.0 > 0 && fps.1 > 0, "{name}: {}/{} is not a frame rate", fps.0, fps.1);
@@ -62,10 +65,11 @@ impl VideoWriter {
         let encoder = encoder_arguments(path)?;
         arguments.extend(encoder.iter().copied().map(OsString::from));
         arguments.extend(["-pix_fmt", "yuv420p"].map(OsString::from));
-        arguments.push(file_argument(path));
+        let draft = Draft::new(path)?;
+        arguments.push(file_argument(draft.path()));
 
         let mut ffmpeg = Ffmpeg::start(&arguments)?;
-        Ok(Self { name, width, height, pipe: ffmpeg.child.stdin.take(), ffmpeg: Some(ffmpeg) })
+        Ok(Self { name, width, height, pipe: ffmpeg.child.stdin.take(), ffmpeg: Some(ffmpeg), draft })
     }
 
     /// Adds a frame.
@@ -101,7 +105,8 @@ impl VideoWriter {
     /// # Errors
     /// When ffmpeg failed; the error holds its messages.
     pub fn finish(mut self) -> Result<()> {
-        self.wait_for_ffmpeg()
+        self.wait_for_ffmpeg()?;
+        self.draft.finish()
     }
 
     fn wait_for_ffmpeg(&mut self) -> Result<()> {
@@ -114,13 +119,17 @@ impl VideoWriter {
     }
 }
 
+/// The container and the encoder that the extension chooses. The unfinished file has another name.
 fn encoder_arguments(path: &Path) -> Result<&'static [&'static str]> {
     match extension(path).as_str() {
         // The index at the front of the file lets a browser start playing.
-        "mp4" | "m4v" | "mov" => Ok(&["-c:v", "libx264", "-movflags", "+faststart"]),
-        "mkv" => Ok(&["-c:v", "libx264"]),
-        "avi" => Ok(&["-c:v", "mpeg4", "-q:v", "3"]),
+        "mp4" | "m4v" => Ok(&["-f", "mp4", "-c:v", "libx264", "-movflags", "+faststart"]),
+        "mov" => Ok(&["-f", "mov", "-c:v", "libx264", "-movflags", "+faststart"]),
+        "mkv" => Ok(&["-f", "matroska", "-c:v", "libx264"]),
+        "avi" => Ok(&["-f", "avi", "-c:v", "mpeg4", "-q:v", "3"]),
         "webm" => Ok(&[
+            "-f",
+            "webm",
             "-c:v",
             "libvpx-vp9",
             "-deadline",
@@ -146,6 +155,8 @@ mod tests {
     use crate::annotate::{Outline, draw_label, draw_outline};
     use crate::input::{Kind, Picture, Pixels, Source};
     use crate::scratch::{Folder, ffmpeg_makes};
+    use std::fs;
+    use std::os::unix::fs::symlink;
 
     fn gray_canvas(width: u32, height: u32) -> Canvas {
         Canvas::from_picture(&Picture {
@@ -206,17 +217,34 @@ mod tests {
     #[test]
     fn ffmpegs_failure_is_told_in_its_own_words() {
         let folder = Folder::new("failing-writer");
-        let path = folder.0.join("no-such-folder").join("out.mp4");
+        let path = folder.0.join("full.avi");
+        symlink("/dev/full", &path).expect("links");
         let Ok(mut writer) = VideoWriter::create(&path, 640, 480, (25, 1)) else {
             return ffmpeg_is_missing();
         };
-        // ffmpeg notices after the first frame; the pipe breaks some time later.
-        let frame = gray_canvas(640, 480);
+        // ffmpeg notices after some frames of noise; the pipe breaks some time later.
+        let noise = (0..3 * 640 * 480_u32).map(|i| i.wrapping_mul(2_654_435_761).to_le_bytes()[3]).collect();
+        let frame = Canvas::from_picture(&Picture { width: 640, height: 480, pixels: Pixels::Rgb8(noise) });
         let failed = (0..100).find_map(|_| writer.write(&frame).err());
         let error = failed.expect("cannot go on for ever");
-        assert!(format!("{error:#}").contains("No such file or directory"), "{error:#}");
+        assert!(format!("{error:#}").contains("No space left on device"), "{error:#}");
         assert!(writer.write(&frame).is_err());
         assert!(writer.finish().is_err());
+    }
+
+    #[test]
+    fn a_video_that_is_not_finished_leaves_the_one_before() {
+        let folder = Folder::new("unfinished-writer");
+        let path = folder.0.join("out.mp4");
+        fs::write(&path, "old").expect("writes");
+        let Ok(mut writer) = VideoWriter::create(&path, 64, 48, (25, 1)) else {
+            return ffmpeg_is_missing();
+        };
+        writer.write(&gray_canvas(64, 48)).expect("writes");
+        drop(writer);
+        assert_eq!(fs::read(&path).expect("there"), b"old");
+        assert_eq!(fs::read_dir(&folder.0).expect("lists").count(), 1, "an unfinished file was left");
+        assert!(VideoWriter::create(&folder.0.join("no/out.mp4"), 64, 48, (25, 1)).is_err());
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! Results as sentences and tables, for people.
 //!
-//! In: what a command found out. Out: lines of text without a line break at the end.
+//! In: what a command found out. Out: lines of text without a line break at the end. Control
+//! characters in names are escaped.
 //! Memory and cost: the text.
 
 use std::path::Path;
@@ -9,6 +10,7 @@ use keygraph_core::{Detection, FeatureKind, Model, PlanePose, Trained};
 
 use crate::assess::Assessment;
 use crate::bench::Bench;
+use crate::output::plain;
 use crate::run::Searched;
 use crate::sweep::{Cell, frames};
 
@@ -35,7 +37,7 @@ pub fn model(model: &Model<'_>, path: &Path) -> String {
          model      {}, {} bytes, feature {}",
         model.method().name(),
         model.keygraphs(),
-        path.display(),
+        plain(&path.display().to_string()),
         model.bytes().len(),
         match model.feature() {
             FeatureKind::Both => "both (luma and chroma)",
@@ -49,7 +51,7 @@ pub fn model(model: &Model<'_>, path: &Path) -> String {
 pub fn objects(model: &Model<'_>) -> String {
     let line = |i: usize| {
         let o = model.object(i);
-        format!("object     {}, {}x{} px, {} keypoints", o.name, o.width, o.height, o.keypoints)
+        format!("object     {}, {}x{} px, {} keypoints", plain(o.name), o.width, o.height, o.keypoints)
     };
     (0..model.objects()).map(line).collect::<Vec<_>>().join("\n")
 }
@@ -57,7 +59,7 @@ pub fn objects(model: &Model<'_>) -> String {
 /// An assessment: object, score, table and limits.
 #[must_use]
 pub fn assessment(a: &Assessment) -> String {
-    let mut lines = vec![format!("{:17}  {}", "object", a.name)];
+    let mut lines = vec![format!("{:17}  {}", "object", plain(&a.name))];
     if let Some(s) = &a.structure {
         let feature = if s.luma_only { "luma alone" } else { "luma and chroma" };
         lines[0] +=
@@ -139,6 +141,7 @@ pub fn frame(source: &str, index: u64, model: &Model<'_>, searched: &Searched) -
         let one = |(i, d)| detection(model, d, pose(i));
         found.detections.iter().enumerate().map(one).collect::<Vec<_>>().join("; ")
     };
+    let source = plain(source);
     format!("{source} [{index}]: {what} ({:.1} ms)", found.total_ns as f64 / 1e6)
 }
 
@@ -154,7 +157,7 @@ fn detection(model: &Model<'_>, d: &Detection, pose: Option<&PlanePose>) -> Stri
     });
     format!(
         "{} at ({x:.0}, {y:.0}), {:.0}x{:.0} px, turned by {angle:.0} degrees, score {:.2}{distance}",
-        model.object(usize::from(d.object)).name,
+        plain(model.object(usize::from(d.object)).name),
         side(a, b),
         side(b, c),
         d.score

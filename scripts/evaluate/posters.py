@@ -88,9 +88,8 @@ def poster_models(command, folder, n):
         if not os.path.exists(path):
             picture = path[:-4] + ".jpg"
             cv2.imwrite(picture, poster(i, textures))
-            run = [command, "train", picture, "--preset", "standard", "-o", path + ".part"]
+            run = [command, "train", picture, "--preset", "standard", "-o", path]
             subprocess.run(run, check=True, stdout=subprocess.DEVNULL)
-            os.rename(path + ".part", path)
         progress.add(1)
         return path
 

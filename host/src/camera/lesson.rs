@@ -5,15 +5,18 @@
 //!
 //! Memory: the picture and the model. Cost: a training, some seconds.
 
+use std::io::Write;
 use std::path::PathBuf;
 use std::sync::mpsc::Sender;
+use std::sync::{Mutex, PoisonError};
 
-use anyhow::{Result, ensure};
+use anyhow::{Context, Result, ensure};
 use keygraph_core::{DEFAULT_THRESHOLD, Model, NAME_BYTES, Trained};
 
 use super::cutout::{Outline, cut_out};
 use crate::input::Picture;
-use crate::learn::{Preset, train_within};
+use crate::learn::{Preset, has_colour, train_within};
+use crate::output::{check_name, write_file};
 use crate::search::{Profile, search};
 
 /// How much a model holds, and whether it has chroma.
@@ -36,14 +39,30 @@ impl Default for Plan {
 
 /// The task of `keygraph train --from-camera`: it waits for the first object that is
 /// learned.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub struct Errand {
     /// The default name of the object.
     pub name: String,
     /// The file of the model, which the page shows.
     pub output: PathBuf,
-    /// The channel that takes the object.
-    pub sender: Sender<Learned>,
+    /// The channel that takes the object; `None` once it has one.
+    pub sender: Mutex<Option<Sender<Learned>>>,
+}
+
+impl Errand {
+    /// Writes the model, and hands the object over.
+    ///
+    /// # Errors
+    /// When the model cannot be written: another object may still be learned. When an object
+    /// was learned before.
+    pub fn hand_over(&self, learned: Learned) -> Result<()> {
+        let mut sender = self.sender.lock().unwrap_or_else(PoisonError::into_inner);
+        let waiting = sender.as_ref().context("an object was learned already, and the program is ending")?;
+        write_file(&self.output, |file| Ok(file.write_all(&learned.model)?))?;
+        waiting.send(learned).context("the program is ending")?;
+        *sender = None;
+        Ok(())
+    }
 }
 
 /// An object that was learned.
@@ -65,14 +84,62 @@ pub struct Learned {
 /// Trains on the part of `frame` within `outline`, and searches the frame for it.
 ///
 /// # Errors
-/// When the name is empty or too long, the outline cannot be used, or the part has too
+/// When the name is empty, too long or has control characters, the outline cannot be used, or the part has too
 /// little texture.
 pub fn learn(frame: &Picture, outline: &Outline, name: &str, plan: &Plan) -> Result<Learned> {
     let name = name.trim();
     ensure!(!name.is_empty() && name.len() <= NAME_BYTES, "give the object a name of 1 to {NAME_BYTES} bytes");
+    check_name(name)?;
     let picture = cut_out(frame, outline)?;
+    ensure!(
+        plan.preset != Preset::Paper || plan.luma || has_colour(&picture),
+        "the object has no colour, which the paper's features are made of: use another preset"
+    );
     let (model, trained) = train_within(&picture, name, plan.preset, plan.luma, plan.bytes)?;
     let own = search(frame, &Model::parse(&model)?, Profile::Vga, DEFAULT_THRESHOLD, false, 1)?;
     let found = own.detections.first().map(|d| d.score);
     Ok(Learned { name: name.to_string(), picture, model, trained, found })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::input::Pixels;
+    use crate::scratch::{Folder, assert_says};
+    use std::fs;
+    use std::sync::mpsc::channel;
+
+    fn blank() -> Picture {
+        Picture { width: 2, height: 1, pixels: Pixels::Gray8(vec![0; 2]) }
+    }
+
+    #[test]
+    fn an_object_is_handed_over_once_its_model_is_written() {
+        let folder = Folder::new("errand");
+        let output = folder.0.join("out.kgm");
+        let (sender, learned) = channel();
+        let errand = Errand { name: "a".into(), output: output.clone(), sender: Mutex::new(Some(sender)) };
+        let object = |model: &[u8]| Learned {
+            name: "a".into(),
+            picture: blank(),
+            model: model.to_vec(),
+            trained: Trained::default(),
+            found: None,
+        };
+        fs::create_dir(&output).expect("in the way");
+        assert_says(errand.hand_over(object(b"one")), "cannot write");
+        assert!(learned.try_recv().is_err(), "the command waits on");
+        fs::remove_dir(&output).expect("out of the way");
+        errand.hand_over(object(b"two")).expect("hands over");
+        assert_says(errand.hand_over(object(b"three")), "learned already");
+        assert_eq!(learned.try_recv().expect("there").model, b"two");
+        assert_eq!(fs::read(&output).expect("there"), b"two");
+    }
+
+    #[test]
+    fn a_name_is_needed_without_control_characters() {
+        let outline = Outline::default();
+        assert_says(learn(&blank(), &outline, " ", &Plan::default()), "name of 1 to");
+        assert_says(learn(&blank(), &outline, "a\u{7}b", &Plan::default()), "control characters");
+    }
 }

@@ -52,16 +52,16 @@ pub mod web;
 pub mod mqtt;
 pub mod session;
 
-use std::io::{self, IsTerminal};
+use std::io::{self, IsTerminal, Write};
 use std::path::Path;
-use std::sync::{Arc, mpsc};
+use std::sync::{Arc, Mutex, mpsc};
 use std::time::{Duration, Instant};
 
 use anyhow::{Result, anyhow, ensure};
 use keygraph_core::DEFAULT_THRESHOLD;
 use tracing::level_filters::LevelFilter;
 
-use crate::output::print_line;
+use crate::output::{plain, print_line, write_file};
 use crate::picture::Picture;
 use crate::search::{Profile, Request};
 use arguments::{Arguments, Lesson};
@@ -135,12 +135,12 @@ pub fn camera(arguments: &Arguments) -> Result<()> {
     ended
 }
 
-/// Learns the object that is held up to the camera. Its outline is given, or somebody marks
-/// it on the page.
+/// Learns the object that is held up to the camera, and writes its model to `output`. Its
+/// outline is given, or somebody marks it on the page.
 ///
 /// # Errors
 /// When the source cannot be read, the page's address cannot be bound, the object cannot be
-/// learned, or the program is stopped before.
+/// learned, its model cannot be written, or the program is stopped before.
 pub fn learn_from_camera(lesson: &Lesson, name: String, output: &Path, plan: &Plan) -> Result<Learned> {
     const STOPPED: &str = "ended before an object was learned";
     log_to_standard_error(LevelFilter::INFO);
@@ -150,10 +150,12 @@ pub fn learn_from_camera(lesson: &Lesson, name: String, output: &Path, plan: &Pl
         let taken = take_picture(&live.frames, Duration::from_secs(lesson.countdown.into()));
         let ended = session.end();
         let Some(picture) = taken else { return ended.and(Err(anyhow!(STOPPED))) };
-        return learn(&picture, outline, &name, plan);
+        let learned = learn(&picture, outline, &name, plan)?;
+        write_file(output, |file| Ok(file.write_all(&learned.model)?))?;
+        return Ok(learned);
     }
     let (sender, learned) = mpsc::channel();
-    let errand = Errand { name, output: output.to_path_buf(), sender };
+    let errand = Errand { name, output: output.to_path_buf(), sender: Mutex::new(Some(sender)) };
     let school = School { plan: plan.clone(), errand: Some(errand) };
     let page = Page { address: lesson.web, token: lesson.token.clone(), school };
     let session = Session::start(&lesson.origin, &live, Some(page), None)?;
@@ -198,6 +200,7 @@ impl Diary {
     fn note(&mut self, outcome: &Outcome) {
         for (i, (name, state, score)) in outcome.objects.iter().enumerate() {
             let before = self.0.get(i).filter(|b| b.0 == *name).map_or(State::Searching, |b| b.1);
+            let name = plain(name);
             match (before.is_seen(), state.is_seen()) {
                 (false, true) => tracing::info!("{name} found, score {:.2}", score.unwrap_or(0.0)),
                 (true, false) => tracing::info!("{name} lost"),

@@ -6,7 +6,6 @@
 //!
 //! Memory: each model, and the merged one. Cost: a merge (some 10 ms) a change.
 
-use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -16,7 +15,9 @@ use keygraph_core::Model;
 use serde_json::{Value, json};
 
 use super::shelf::Shelf;
+use crate::file::{read_regular, read_whole};
 use crate::learn::merge;
+use crate::output::{check_name, plain};
 
 /// Maximum number of models.
 const MOST: usize = 64;
@@ -82,15 +83,17 @@ impl Models {
         }
         for path in kept {
             if let Err(error) = models.read(&path, Some(path.clone())) {
-                tracing::error!("left out: {error:#}");
+                tracing::error!("left out: {}", plain(&format!("{error:#}")));
             }
         }
         Ok(models)
     }
 
     fn read(&self, path: &Path, file: Option<PathBuf>) -> Result<()> {
-        let bytes = fs::read(path).with_context(|| format!("cannot read the model {}", path.display()))?;
-        let name = path.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned());
+        // On the shelf, others may have put something that is no file.
+        let bytes = if file.is_some() { read_regular(path) } else { read_whole(path) };
+        let bytes = bytes.with_context(|| format!("cannot read the model {}", path.display()))?;
+        let name = path.file_stem().map_or_else(String::new, |s| plain(&s.to_string_lossy()).into_owned());
         self.insert(&name, bytes, |_| Ok(file)).with_context(|| path.display().to_string())?;
         Ok(())
     }
@@ -103,8 +106,10 @@ impl Models {
     /// Adds a model, and writes it to the shelf if there is one.
     ///
     /// # Errors
-    /// When the model is damaged, does not go with the others, or cannot be written.
+    /// When the name is empty or has control characters; when the model is damaged, does not go
+    /// with the others, or cannot be written.
     pub fn add(&self, name: &str, bytes: Vec<u8>) -> Result<Entry> {
+        check_name(name)?;
         self.insert(name, bytes, |model| self.shelf.as_ref().map(|shelf| shelf.keep(name, model)).transpose())
     }
 

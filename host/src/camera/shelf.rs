@@ -1,35 +1,62 @@
 //! A folder that keeps models when the program ends.
 //!
 //! In: models with names. Out: one file a model. A file is complete or does not exist, even
-//! after a crash: it is written under another name, flushed to the disk, and renamed.
+//! after a crash: it is written under another name, flushed to the disk, and renamed to a name
+//! that is free. So several programs can use one folder. What a program that was killed left
+//! unfinished is removed an hour later, at the next start.
 //! Memory: none. Cost: some ms a model on the disk.
 
-use std::fs::{self, File};
-use std::io::Write;
+use std::fs;
+use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
+use std::time::{Duration, SystemTime};
 
 use anyhow::{Context, Result, ensure};
+
+use crate::output::{flush_folder, is_draft, new_draft};
 
 /// Maximum number of characters of a file's name, without its extension and number.
 const LONGEST: usize = 48;
 /// Maximum number of files of one name.
 const MOST: u32 = 1000;
+/// Age of an unfinished file that no program can still be writing: it takes some ms.
+const ABANDONED: Duration = Duration::from_secs(3600);
 
 /// The folder of the models.
 #[derive(Clone, Debug)]
 pub struct Shelf(PathBuf);
 
 impl Shelf {
-    /// Opens the folder, and makes it when it does not exist.
+    /// Opens the folder, and makes it when it does not exist. Removes what was left
+    /// unfinished there.
     ///
     /// # Errors
     /// When the folder cannot be made.
     pub fn open(folder: &Path) -> Result<Self> {
         fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
-        Ok(Self(folder.to_path_buf()))
+        let shelf = Self(folder.to_path_buf());
+        shelf.clear();
+        Ok(shelf)
     }
 
-    /// The files of all models in the folder, sorted by name.
+    /// Removes unfinished files that are [`ABANDONED`]. What cannot be removed stays: it is in
+    /// nobody's way.
+    fn clear(&self) {
+        let is_old = |time: SystemTime| time.elapsed().is_ok_and(|age| age >= ABANDONED);
+        for entry in fs::read_dir(&self.0).into_iter().flatten().flatten() {
+            let path = entry.path();
+            if is_draft(&path)
+                && let Ok(found) = fs::symlink_metadata(&path)
+                && found.is_file()
+                && found.modified().is_ok_and(is_old)
+                && fs::remove_file(&path).is_ok()
+            {
+                tracing::info!("removed {}, which was left unfinished", path.display());
+            }
+        }
+    }
+
+    /// The files of all models in the folder, sorted by name. Some may be no regular files.
     ///
     /// # Errors
     /// When the folder cannot be read.
@@ -51,22 +78,26 @@ impl Shelf {
     pub fn keep(&self, name: &str, model: &[u8]) -> Result<PathBuf> {
         let stem = file_stem(name);
         let numbered = |n: u32| if n == 1 { format!("{stem}.kgm") } else { format!("{stem}-{n}.kgm") };
-        let free = (1..=MOST).map(|n| self.0.join(numbered(n))).find(|path| !path.exists());
-        let path = free.with_context(|| format!("{} is full of models named {name}", self.0.display()))?;
-        let unfinished = self.0.join(format!(".{stem}.kgm.part"));
-        let written = || -> std::io::Result<()> {
-            let mut file = File::create(&unfinished)?;
-            file.write_all(model)?;
-            file.sync_all()?;
-            fs::rename(&unfinished, &path)?;
-            // This flushes the name to the disk, too.
-            File::open(&self.0)?.sync_all()
+        let written = || -> Result<Option<PathBuf>> {
+            let mut draft = new_draft(&self.0)?;
+            draft.write_all(model)?;
+            draft.as_file().sync_all()?;
+            for path in (1..=MOST).map(|n| self.0.join(numbered(n))) {
+                match draft.persist_noclobber(&path) {
+                    Ok(_) => {
+                        flush_folder(&self.0)?;
+                        return Ok(Some(path));
+                    }
+                    Err(taken) if taken.error.kind() == ErrorKind::AlreadyExists => draft = taken.file,
+                    Err(failed) => return Err(failed.error.into()),
+                }
+            }
+            Ok(None)
         };
-        written().with_context(|| {
-            let _ = fs::remove_file(&unfinished);
-            format!("cannot keep {}: make room, or see who may write there", path.display())
+        let path = written().with_context(|| {
+            format!("cannot keep {}: make room, or see who may write there", self.0.join(numbered(1)).display())
         })?;
-        Ok(path)
+        path.with_context(|| format!("{} is full of models named {name}", self.0.display()))
     }
 
     /// Removes a model's file. A file that does not exist any more is no error.
@@ -94,6 +125,9 @@ fn file_stem(name: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::fs::File;
+    use std::os::unix::fs::symlink;
+    use std::thread;
 
     fn shelf(test: &str) -> Shelf {
         let folder = std::env::temp_dir().join(format!("keygraph-shelf-{}-{test}", std::process::id()));
@@ -123,12 +157,43 @@ mod tests {
     }
 
     #[test]
+    fn no_file_of_another_program_is_overwritten() {
+        let shelf = shelf("shared");
+        symlink("nowhere", shelf.0.join("cover.kgm")).expect("links");
+        let keep = |i: u8| (shelf.keep("cover", &[i; 1000]).expect("kept"), [i; 1000]);
+        let kept: Vec<_> = thread::scope(|scope| {
+            let threads: Vec<_> = (0..8).map(|i| scope.spawn(move || keep(i))).collect();
+            threads.into_iter().map(|t| t.join().expect("no panic")).collect()
+        });
+        for (file, bytes) in &kept {
+            assert_eq!(fs::read(file).expect("there"), bytes, "{}", file.display());
+        }
+        assert_eq!(shelf.files().expect("lists").len(), 9, "eight models and the link");
+        assert!(!shelf.0.join("nowhere").exists(), "the link was followed");
+    }
+
+    #[test]
     fn what_cannot_be_written_leaves_nothing() {
         let shelf = shelf("unwritable");
-        fs::create_dir(shelf.0.join(".cover.kgm.part")).expect("makes");
+        fs::remove_dir(&shelf.0).expect("removes");
+        fs::write(&shelf.0, "in the way").expect("writes");
         let error = format!("{:#}", shelf.keep("cover", b"one").expect_err("in the way"));
         assert!(error.contains("cannot keep") && error.contains("cover.kgm"), "{error}");
-        assert_eq!(shelf.files().expect("lists"), Vec::<PathBuf>::new());
+    }
+
+    #[test]
+    fn what_was_left_unfinished_is_removed_when_it_is_old() {
+        let shelf = shelf("abandoned");
+        let [old, new, link, other] =
+            [".keygraph-a.part", ".keygraph-b.part", ".keygraph-c.part", ".other.part"].map(|n| shelf.0.join(n));
+        for file in [&old, &new, &other] {
+            let file = File::create(file).expect("makes");
+            file.set_modified(SystemTime::now() - 2 * ABANDONED).expect("sets");
+        }
+        File::options().write(true).open(&new).and_then(|f| f.set_modified(SystemTime::now())).expect("sets");
+        symlink(&other, &link).expect("links");
+        Shelf::open(&shelf.0).expect("opens");
+        assert_eq!([&old, &new, &link, &other].map(|f| fs::symlink_metadata(f).is_ok()), [false, true, true, true]);
     }
 
     #[test]

@@ -299,7 +299,7 @@ fn learn_from(web: &Web, lesson: &Lesson, jpeg: &[u8]) -> Result<serde_json::Val
         let added = web.live.models.add(&learned.name, learned.model)?;
         return Ok(json!({"id": added.id, "file": added.file_name(), "keygraphs": keygraphs, "found": found}));
     };
-    errand.sender.send(learned).context("an object was learned already, and the program is ending")?;
+    errand.hand_over(learned)?;
     // This ends the source, and with it all threads.
     web.live.frames.close();
     Ok(json!({"id": null, "file": errand.output.display().to_string(), "keygraphs": keygraphs, "found": found}))

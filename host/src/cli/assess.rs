@@ -1,14 +1,15 @@
 //! `keygraph assess`: how well a picture will be found.
 
-use std::fs;
+use std::fs::File;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::slice;
 
-use anyhow::{Result, ensure};
+use anyhow::{Context, Result, ensure};
 use keygraph::assess::{Assessment, assess};
 use keygraph::heat::Heat;
 use keygraph::learn::{Preset, train};
-use keygraph::output::{check_folder_of, is_one_of, print_line};
+use keygraph::output::{Inputs, check_output, plain, print_line};
 use keygraph::picture::{EXTENSIONS, Part, Picture, extension, read_framed};
 use keygraph::progress::Progress;
 use keygraph::search::Profile;
@@ -75,10 +76,8 @@ impl Arguments {
             "--annotate {} is no picture: its name must end with .png, .jpg or .jpeg",
             path.display()
         );
-        check_folder_of(path)?;
-        let is_input = is_one_of(path, self.picture.iter().chain([&self.input]).map(PathBuf::as_path));
-        ensure!(!is_input, "--annotate would overwrite the input {}: give another name", path.display());
-        Ok(())
+        let inputs = Inputs::of(self.picture.iter().chain([&self.input]).map(PathBuf::as_path));
+        check_output(path, &inputs).context("--annotate")
     }
 }
 
@@ -97,9 +96,15 @@ struct Subject {
 pub fn run(arguments: &Arguments) -> Result<()> {
     arguments.check_annotate()?;
     let input = &arguments.input;
-    let is_model = fs::read(input).is_ok_and(|bytes| bytes.starts_with(&MAGIC));
+    let is_model = is_model(input);
     let subject = if is_model { Some(of_model(arguments)?) } else { of_picture(arguments, input)? };
     subject.map_or(Ok(()), |subject| assess_objects(arguments, &subject))
+}
+
+/// Whether a file starts like a model. A pipe is not asked: its first bytes would be lost.
+fn is_model(path: &Path) -> bool {
+    let mut start = [0; MAGIC.len()];
+    path.is_file() && File::open(path).is_ok_and(|mut f| f.read_exact(&mut start).is_ok()) && start == MAGIC
 }
 
 /// The model that was given, and its pictures.
@@ -116,7 +121,7 @@ fn of_picture(arguments: &Arguments, path: &Path) -> Result<Option<Subject>> {
     ensure!(arguments.picture.is_empty(), "--picture goes with a model, and {} is none: leave it out", path.display());
     let framed = read_framed(path, arguments.crop)?;
     for said in advice::framing(&framed, path, arguments.crop) {
-        eprintln!("keygraph: {said}");
+        eprintln!("keygraph: {}", plain(&said));
     }
     let (picture, name) = (framed.picture, name_of(path));
     match train(&picture, &name, arguments.preset, arguments.luma) {

@@ -6,6 +6,7 @@ use std::{fs, slice};
 use anyhow::{Context, Result};
 use keygraph::advice::looks_like;
 use keygraph::alike::{Alike, alike};
+use keygraph::output::plain;
 use keygraph::progress::Progress;
 use keygraph_core::{Model, Object};
 
@@ -83,12 +84,12 @@ pub fn tell_beside<'a>(
 }
 
 fn tell(alike: &Alike, shown: &Object<'_>, taken: &Object<'_>, shared: &Shared) -> Result<()> {
-    let mut said = looks_like(alike, shown.name, taken.name);
+    let mut said = looks_like(alike, &plain(shown.name), &plain(taken.name));
     if let Some(folder) = &shared.shared {
         fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
         let path = picture_of(folder, shown.name, taken.name);
         alike.draw(shown, taken).save_png(&path)?;
-        said += &format!(" ({})", path.display());
+        said += &format!(" ({})", plain(&path.display().to_string()));
     }
     eprintln!("keygraph: {said}");
     Ok(())

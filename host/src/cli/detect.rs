@@ -7,7 +7,7 @@ use anyhow::Result;
 use clap::error::ErrorKind;
 use keygraph::gallery::Gallery;
 use keygraph::input::Source;
-use keygraph::output::print_line;
+use keygraph::output::{Inputs, plain_lines, print_line};
 use keygraph::pose::{Calibration, Width, parse_intrinsics};
 use keygraph::progress::Progress;
 use keygraph::run::{Options, run as search_all};
@@ -112,7 +112,8 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode> {
         calibration: calibration.as_ref(),
     };
     let mut source = Source::open(&arguments.inputs)?;
-    let mut gallery = arguments.annotate.as_deref().map(|path| Gallery::new(path, &arguments.inputs)).transpose()?;
+    let read = arguments.inputs.iter().chain(&arguments.models).map(PathBuf::as_path);
+    let mut gallery = arguments.annotate.as_deref().map(|path| Gallery::new(path, Inputs::of(read))).transpose()?;
     let progress = Progress::new(source.len_hint(), "frames");
     let mut failed = false;
     search_all(&mut source, &model, &options, |outcome| {
@@ -120,7 +121,7 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode> {
         match outcome.result {
             Err(e) => {
                 failed = true;
-                progress.print(&format!("keygraph: {e:#}"));
+                progress.print(&format!("keygraph: {}", plain_lines(&format!("{e:#}"))));
                 if arguments.json {
                     let line = report::error_line(&outcome.source, outcome.frame, &format!("{e:#}"));
                     progress.aside(|| print_line(&line.to_string()))?;

@@ -1,9 +1,10 @@
 //! Models as files: read, merged and parsed, with messages that name the file.
 
 use std::path::{Path, PathBuf};
-use std::{fs, io, slice};
+use std::{io, slice};
 
 use anyhow::{Context, Error, Result};
+use keygraph::file::read_whole;
 use keygraph::learn::merge;
 use keygraph_core::{Model, PackError};
 
@@ -44,7 +45,7 @@ pub fn merged(models: &[Vec<u8>], paths: &[PathBuf]) -> Result<Vec<u8>> {
 }
 
 fn read(path: &Path) -> Result<Vec<u8>> {
-    fs::read(path).map_err(|e| {
+    read_whole(path).map_err(|e| {
         let advice = match e.kind() {
             io::ErrorKind::NotFound => " (make one with `keygraph train`)",
             _ => "",

@@ -1,10 +1,10 @@
 //! `keygraph pack`: models into one file.
 
-use std::fs;
+use std::io::Write;
 use std::path::PathBuf;
 
-use anyhow::{Context, Result};
-use keygraph::output::print_line;
+use anyhow::Result;
+use keygraph::output::{Inputs, check_model_output, print_line, write_file};
 use keygraph::words;
 
 use super::compare::{Shared, tell_among};
@@ -35,10 +35,11 @@ pub struct Arguments {
 /// When a model cannot be read or does not go with the others, or the file cannot be written.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let Arguments { models, output, compare, shared } = arguments;
+    check_model_output(output, &Inputs::of(models.iter().map(PathBuf::as_path)))?;
     let parts = read_all(models)?;
     let packed = merged(&parts, models)?;
     let model = parse(&packed, models)?;
-    fs::write(output, &packed).with_context(|| format!("cannot write {}", output.display()))?;
+    write_file(output, |file| Ok(file.write_all(&packed)?))?;
     print_line(&format!("{} objects\n{}", model.objects(), words::model(&model, output)))?;
     if *compare || model.objects() <= COMPARED {
         return tell_among(&parts, shared);

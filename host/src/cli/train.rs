@@ -1,7 +1,8 @@
 //! `keygraph train`: a model of one picture.
 
+use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::{fs, slice};
+use std::slice;
 
 use anyhow::{Context, Result, bail};
 use clap::error::ErrorKind;
@@ -9,7 +10,7 @@ use keygraph::camera::arguments::Lesson;
 use keygraph::camera::learn_from_camera;
 use keygraph::camera::lesson::{Learned, Plan};
 use keygraph::learn::{Preset, has_colour, train_within};
-use keygraph::output::{check_folder_of, is_one_of, print_line};
+use keygraph::output::{Inputs, check_model_output, check_name, is_plain, plain, print_line, write_file};
 use keygraph::picture::{Part, Picture, read_framed};
 use keygraph::search::{Profile, search};
 use keygraph::structure::structure;
@@ -34,7 +35,7 @@ pub struct Arguments {
     #[arg(short, long, value_name = "MODEL.kgm")]
     output: PathBuf,
     /// Name of the object [default: that of the picture's file, or of the model's]
-    #[arg(long)]
+    #[arg(long, value_parser = name)]
     name: Option<String>,
     /// How much the model holds
     #[arg(long, value_enum, default_value = "large")]
@@ -69,9 +70,16 @@ impl Arguments {
     }
 }
 
-/// The name of an object when none is given: that of its file, without the extension.
+/// The name of an object when none is given: that of its file, without the extension and
+/// with `_` for control characters.
 pub fn name_of(file: &Path) -> String {
-    file.file_stem().map_or_else(|| "object".into(), |s| s.to_string_lossy().into_owned())
+    let stem = file.file_stem().map_or_else(|| "object".into(), |s| s.to_string_lossy());
+    stem.replace(|c| !is_plain(c), "_")
+}
+
+/// Parses a name that is given to an object.
+fn name(text: &str) -> Result<String, String> {
+    check_name(text).map(|()| text.to_string()).map_err(|error| error.to_string())
 }
 
 /// Trains, writes the model and prints a report.
@@ -83,7 +91,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         usage_error(ErrorKind::ArgumentConflict, "a camera or --replay is only used with --from-camera");
     }
     // Training takes a second: what would fail after it is checked before it.
-    check_folder_of(&arguments.output)?;
+    let inputs = arguments.picture.iter().chain(&arguments.beside).chain(&arguments.lesson.origin.replay);
+    check_model_output(&arguments.output, &Inputs::of(inputs.map(PathBuf::as_path)))?;
     for file in &arguments.beside {
         parse(&load(slice::from_ref(file))?, slice::from_ref(file))?;
     }
@@ -96,14 +105,17 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 fn train_on_picture(arguments: &Arguments, path: &Path) -> Result<()> {
     let framed = read_framed(path, arguments.crop)?;
     for said in advice::framing(&framed, path, arguments.crop) {
-        eprintln!("keygraph: {said}");
+        eprintln!("keygraph: {}", plain(&said));
     }
-    let (picture, label, plan) = (framed.picture, path.display().to_string(), arguments.plan());
+    let (picture, label, plan) = (framed.picture, plain(&path.display().to_string()).into_owned(), arguments.plan());
     check_colour(&picture, &label, &plan)?;
     let name = arguments.name_or_that_of(path);
     let (model, trained) = train_within(&picture, &name, plan.preset, plan.luma, plan.bytes)
         .with_context(|| format!("cannot train on {label}"))?;
-    keep(arguments, &label, &Learned { name, picture, model, trained, found: None })
+    // A model that would be refused is not left behind as a file.
+    Model::parse(&model)?;
+    write_file(&arguments.output, |file| Ok(file.write_all(&model)?))?;
+    tell(arguments, &label, &Learned { name, picture, model, trained, found: None })
 }
 
 fn train_from_camera(arguments: &Arguments) -> Result<()> {
@@ -111,7 +123,7 @@ fn train_from_camera(arguments: &Arguments) -> Result<()> {
     let learned = learn_from_camera(&arguments.lesson, name, &arguments.output, &plan)?;
     let label = format!("the picture of {}", learned.name);
     check_colour(&learned.picture, &label, &plan)?;
-    keep(arguments, &label, &learned)
+    tell(arguments, &label, &learned)
 }
 
 /// Warns that a picture has no colour, or refuses it where the preset needs colour.
@@ -126,16 +138,11 @@ fn check_colour(picture: &Picture, label: &str, plan: &Plan) -> Result<()> {
     Ok(())
 }
 
-/// Writes a model and prints the report; `label` names its picture.
-fn keep(arguments: &Arguments, label: &str, learned: &Learned) -> Result<()> {
-    // A model that would be refused is not left behind as a file.
+/// Prints the report of a model that was written; `label` names its picture.
+fn tell(arguments: &Arguments, label: &str, learned: &Learned) -> Result<()> {
     let model = Model::parse(&learned.model)?;
-    let output = &arguments.output;
-    fs::write(output, &learned.model).with_context(|| format!("cannot write {}", output.display()))?;
     warn(label, learned, &model)?;
-    // A model that is made anew is not compared with itself.
-    let others = arguments.beside.iter().filter(|file| !is_one_of(output, [file.as_path()]));
-    let alike = tell_beside(&model.object(0), others, &arguments.shared)?;
+    let alike = tell_beside(&model.object(0), arguments.beside.iter(), &arguments.shared)?;
     if arguments.json {
         let mut object = report::model_object(&model);
         if !arguments.beside.is_empty() {
@@ -145,13 +152,13 @@ fn keep(arguments: &Arguments, label: &str, learned: &Learned) -> Result<()> {
     }
     print_line(&format!("picture    {label}, {}x{} px", learned.picture.width, learned.picture.height))?;
     print_line(&words::training(&learned.trained))?;
-    print_line(&words::model(&model, output))
+    print_line(&words::model(&model, &arguments.output))
 }
 
 /// Says on standard error what makes a model less useful than it looks.
 fn warn(label: &str, learned: &Learned, model: &Model<'_>) -> Result<()> {
     if learned.name.len() > NAME_BYTES {
-        eprintln!("keygraph: the name was cut to {NAME_BYTES} bytes: {}", model.object(0).name);
+        eprintln!("keygraph: the name was cut to {NAME_BYTES} bytes: {}", plain(model.object(0).name));
     }
     // The paper's method is for comparison: its models need no advice.
     if model.method() != Method::Keygraph {

@@ -7,6 +7,7 @@
 //! - `lines`: values of JSON lines, and what the contract says of them
 //! - `usage`: wrong command lines, and models that cannot be read
 //! - `train`, `pack`, `detect`, `annotate`, `assess`, `video`, `demo`: by command and by input
+//! - `writing`: files that are written, and faults while they are
 #![allow(clippy::unwrap_used, clippy::panic, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
 
 #[path = "../program/mod.rs"]
@@ -32,6 +33,7 @@ mod pack;
 mod train;
 mod usage;
 mod video;
+mod writing;
 
 use std::fs;
 use std::path::PathBuf;
