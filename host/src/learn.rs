@@ -95,8 +95,8 @@ pub fn train_within(
 ///
 /// # Errors
 /// When a model is damaged, or the models differ in method or feature.
-pub fn merge(models: &[Vec<u8>]) -> Result<Vec<u8>> {
-    let parsed = models.iter().map(|m| Model::parse(m)).collect::<Result<Vec<_>, _>>()?;
+pub fn merge(models: &[impl AsRef<[u8]>]) -> Result<Vec<u8>> {
+    let parsed = models.iter().map(|m| Model::parse(m.as_ref())).collect::<Result<Vec<_>, _>>()?;
     let mut out = vec![0; packed_len(&parsed)?];
     pack(&parsed, &mut out)?;
     Ok(out)

@@ -1,14 +1,21 @@
 //! A picture, and how it is read from a file.
 //!
 //! In: a PNG or JPEG file. Out: its pixels, upright, 8 bits a sample, gray or RGB.
-//! Memory: the file and the decoded picture.
+//! Memory: the file and the decoded picture. A picture that would need too much is refused
+//! before it is decoded.
 
 use std::io::{self, Cursor};
 use std::path::Path;
 use std::str::FromStr;
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
-use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader};
+use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
+
+/// Maximum number of pixels of a picture that is read from a file.
+const MOST_PIXELS: u64 = 100_000_000;
+/// Maximum size of a decoded picture, bytes a pixel of the maximum: 8 bits of red, green, blue
+/// and opacity. A picture of 16 bits a sample can have half of the pixels.
+const PIXEL_BYTES: u64 = 4;
 
 use crate::file::read_whole;
 
@@ -155,13 +162,47 @@ fn open_upright(path: &Path) -> Result<DynamicImage> {
     let name = path.display();
     let bytes = read_whole(path).map_err(|error| match error.kind() {
         io::ErrorKind::NotFound => anyhow!("{name}: no such file"),
-        _ => anyhow!("{name}: cannot be read: {error}"),
+        // The cause stays: it may be one that passes.
+        _ => anyhow::Error::new(error).context(format!("{name}: cannot be read")),
     })?;
-    decode_upright(&bytes).with_context(|| name.to_string())
+    decode_upright(&bytes, MOST_PIXELS).with_context(|| name.to_string())
 }
 
-fn decode_upright(bytes: &[u8]) -> Result<DynamicImage> {
-    let reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().context("cannot be read")?;
+/// Decodes a JPEG of at most `most` pixels, as it is: not turned.
+///
+/// # Errors
+/// When the bytes are no JPEG, or damaged, or the picture is larger.
+pub fn decode_jpeg(bytes: &[u8], most: u64) -> Result<Picture> {
+    let mut reader = ImageReader::with_format(Cursor::new(bytes), ImageFormat::Jpeg);
+    reader.limits(limits(most));
+    let damaged = "the picture is no JPEG, or damaged";
+    let decoder = reader.into_decoder().context(damaged)?;
+    check_size(&decoder, most)?;
+    Ok(flatten_onto_white(DynamicImage::from_decoder(decoder).context(damaged)?).0)
+}
+
+/// What a decoder may use for a picture of at most `most` pixels.
+fn limits(most: u64) -> Limits {
+    let mut limits = Limits::default();
+    limits.max_alloc = Some(most * PIXEL_BYTES);
+    limits
+}
+
+/// Refuses a picture that is too large, by its header.
+fn check_size(decoder: &impl ImageDecoder, most: u64) -> Result<()> {
+    let (width, height) = decoder.dimensions();
+    ensure!(
+        u64::from(width) * u64::from(height) <= most && decoder.total_bytes() <= most * PIXEL_BYTES,
+        "the picture is too large: it has {width}x{height} px ({} MB), and at most {} megapixels ({} MB) are read; make it smaller first",
+        decoder.total_bytes() / 1_000_000,
+        most / 1_000_000,
+        most * PIXEL_BYTES / 1_000_000
+    );
+    Ok(())
+}
+
+fn decode_upright(bytes: &[u8], most: u64) -> Result<DynamicImage> {
+    let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().context("cannot be read")?;
     match reader.format() {
         Some(ImageFormat::Png) => {}
         // The decoder fills the rest of a JPEG that is cut off with grey, without an error.
@@ -170,7 +211,9 @@ fn decode_upright(bytes: &[u8]) -> Result<DynamicImage> {
         _ => bail!("is not a PNG or JPEG picture"),
     }
     let damaged = "the picture cannot be decoded; it may be damaged or cut off";
+    reader.limits(limits(most));
     let mut decoder = reader.into_decoder().context(damaged)?;
+    check_size(&decoder, most)?;
     // A damaged orientation does not make the picture useless.
     let orientation = decoder.orientation();
     let mut image = DynamicImage::from_decoder(decoder).context(damaged)?;
@@ -262,7 +305,7 @@ pub(crate) mod tests {
     }
 
     fn decode(bytes: &[u8]) -> Result<(Picture, bool)> {
-        decode_upright(bytes).map(flatten_onto_white)
+        decode_upright(bytes, MOST_PIXELS).map(flatten_onto_white)
     }
 
     #[test]
@@ -300,11 +343,11 @@ pub(crate) mod tests {
         for (at, alpha) in [(1, 127), (5, 255), (6, 128)] {
             samples[2 * at + 1] = alpha;
         }
-        let image = decode_upright(&png(4, &samples, ExtendedColorType::La8)).expect("decodes");
+        let image = decode_upright(&png(4, &samples, ExtendedColorType::La8), MOST_PIXELS).expect("decodes");
         assert_eq!(opaque_part(&image), Some(Part { x: 1, y: 1, width: 2, height: 1 }));
-        let nothing = decode_upright(&png(2, &[9, 0, 9, 0], ExtendedColorType::La8)).expect("decodes");
+        let nothing = decode_upright(&png(2, &[9, 0, 9, 0], ExtendedColorType::La8), MOST_PIXELS).expect("decodes");
         assert_eq!(opaque_part(&nothing), None);
-        let opaque = decode_upright(&png(2, &[1, 2, 3, 4], ExtendedColorType::L8)).expect("decodes");
+        let opaque = decode_upright(&png(2, &[1, 2, 3, 4], ExtendedColorType::L8), MOST_PIXELS).expect("decodes");
         assert_eq!(opaque_part(&opaque), Some(Part { x: 0, y: 0, width: 2, height: 2 }));
     }
 
@@ -342,6 +385,34 @@ pub(crate) mod tests {
             assert!(decode(&whole[..length]).is_err(), "cut at {length}");
         }
         assert_says(decode(&whole[..whole.len() / 2]), "cut off");
+    }
+
+    #[test]
+    fn large_pictures_are_refused_by_their_header() {
+        // The header is all that is read: 30000 x 30000 px of gray, and 8000 x 8000 px of 16 bits.
+        let header = |side: u32, depth: u8, colour: u8| {
+            let mut chunk = b"IHDR".to_vec();
+            chunk.extend([side.to_be_bytes(), side.to_be_bytes()].as_flattened());
+            chunk.extend([depth, colour, 0, 0, 0]);
+            let mut file = b"\x89PNG\r\n\x1a\n\0\0\0\x0d".to_vec();
+            file.extend(&chunk);
+            file.extend(crc(&chunk).to_be_bytes());
+            file.extend(b"\0\0\0\0IDAT");
+            file.extend(crc(b"IDAT").to_be_bytes());
+            file
+        };
+        assert_says(decode(&header(30_000, 8, 0)), "30000x30000 px");
+        assert_says(decode(&header(8_000, 16, 6)), "at most 100 megapixels (400 MB)");
+        assert_says(decode(&header(100, 8, 0)), "cannot be decoded");
+        assert_says(decode_jpeg(&jpeg(24), 500), "24x24 px");
+        assert!(decode_jpeg(&jpeg(24), 576).is_ok());
+    }
+
+    /// The checksum of a chunk of a PNG (its specification, appendix D).
+    fn crc(bytes: &[u8]) -> u32 {
+        !bytes.iter().fold(u32::MAX, |crc, &byte| {
+            (0..8).fold(crc ^ u32::from(byte), |c, _| if c & 1 == 1 { (c >> 1) ^ 0xEDB8_8320 } else { c >> 1 })
+        })
     }
 
     #[test]

@@ -2,18 +2,21 @@
 //!
 //! In: the command line. Out: [`Arguments`], [`Lesson`]. Memory and cost: none.
 
-use std::net::SocketAddr;
+use std::net::{SocketAddr, ToSocketAddrs};
 use std::path::PathBuf;
 
 use keygraph_core::DEFAULT_THRESHOLD;
 use tracing::level_filters::LevelFilter;
 
 use super::cutout::{Outline, parse_outline};
+use super::guard::parse_public;
 use super::mode::Format;
 use crate::search::{Profile, parse_share, parse_threshold};
 
 /// The default address of the page.
 const USUAL_ADDRESS: &str = "127.0.0.1:8080";
+/// The default port of the page.
+const USUAL_PORT: u16 = 8080;
 
 /// The source of frames.
 #[derive(Clone, Debug, Default, clap::Args)]
@@ -83,10 +86,16 @@ pub struct Arguments {
     /// Search all of a frame for all of the models whenever it is searched
     #[arg(long)]
     pub thorough: bool,
-    /// Serve a page that shows what the camera sees [default address: 127.0.0.1:8080]
-    #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = USUAL_ADDRESS)]
+    /// Serve a page that shows what the camera sees: HOST:PORT, or a port of this machine alone
+    /// [default address: 127.0.0.1:8080]
+    #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = USUAL_ADDRESS, value_parser = place)]
     pub web: Option<SocketAddr>,
-    /// Secret that the users of the page must give [default: none on 127.0.0.1, else random]
+    /// Address of the page behind a proxy, such as `https://cam.example.org`: its users may
+    /// change something. A token is needed then
+    #[arg(long, value_name = "URL", requires = "web", value_parser = parse_public)]
+    pub public_url: Option<String>,
+    /// Secret that the users of the page must give, 16 characters or more [default: none on
+    /// 127.0.0.1, else random]
     #[arg(long, requires = "web", env = "KEYGRAPH_TOKEN", hide_env_values = true)]
     pub token: Option<String>,
     /// Publish results to a broker: `mqtt://[USER:PASSWORD@]HOST[:PORT][/PREFIX]`
@@ -114,9 +123,10 @@ pub struct Lesson {
     #[command(flatten)]
     pub origin: Origin,
     /// Address of the page on which the outline is marked
-    #[arg(long, value_name = "ADDR", requires = "from_camera", default_value = USUAL_ADDRESS)]
+    #[arg(long, value_name = "ADDR", requires = "from_camera", default_value = USUAL_ADDRESS, value_parser = place)]
     pub web: SocketAddr,
-    /// Secret that the users of the page must give [default: none on 127.0.0.1, else random]
+    /// Secret that the users of the page must give, 16 characters or more [default: none on
+    /// 127.0.0.1, else random]
     #[arg(long, env = "KEYGRAPH_TOKEN", hide_env_values = true)]
     pub token: Option<String>,
     /// The object's corners, px of the frame, clockwise from its top left: no page is served
@@ -131,6 +141,28 @@ fn outline(s: &str) -> Result<Outline, String> {
     parse_outline(s).map_err(|e| e.to_string())
 }
 
+/// The address on which the page listens: HOST:PORT, HOST, :PORT or PORT. Without a host, it
+/// is this machine alone.
+fn place(s: &str) -> Result<SocketAddr, String> {
+    if let Ok(address) = s.parse() {
+        return Ok(address);
+    }
+    let port = s.strip_prefix(':').unwrap_or(s);
+    let found = if let Ok(address) = s.parse() {
+        return Ok(SocketAddr::new(address, USUAL_PORT));
+    } else if port.bytes().all(|b| b.is_ascii_digit()) {
+        port.parse().ok().and_then(|port: u16| ("127.0.0.1", port).to_socket_addrs().ok())
+    } else if let Some((host, port)) = s.rsplit_once(':') {
+        port.parse().ok().and_then(|port: u16| (host, port).to_socket_addrs().ok())
+    } else {
+        (s, USUAL_PORT).to_socket_addrs().ok()
+    };
+    // A name may have both kinds of addresses: most programs try this one.
+    let all: Vec<_> = found.into_iter().flatten().collect();
+    let address = all.iter().find(|a| a.is_ipv4()).or(all.first());
+    address.copied().ok_or_else(|| format!("{s} is no address: give one such as {USUAL_ADDRESS}, 8080 or 0.0.0.0:8080"))
+}
+
 fn size(s: &str) -> Result<(u32, u32), String> {
     let parts = s.split_once(['x', 'X']).and_then(|(w, h)| Some((w.parse().ok()?, h.parse().ok()?)));
     parts.filter(|&(w, h)| w >= 16 && h >= 16).ok_or_else(|| "a size is like 640x480, at least 16x16".into())
@@ -139,4 +171,27 @@ fn size(s: &str) -> Result<(u32, u32), String> {
 fn rate(s: &str) -> Result<f64, String> {
     let rate = s.parse().ok().filter(|r| (0.1..=10_000.0).contains(r));
     rate.ok_or_else(|| "a rate lies between 0.1 and 10000 frames a second".into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn addresses_of_the_page() {
+        for (text, address) in [
+            ("8080", "127.0.0.1:8080"),
+            (":81", "127.0.0.1:81"),
+            ("localhost:8080", "127.0.0.1:8080"),
+            ("localhost", "127.0.0.1:8080"),
+            ("0.0.0.0:0", "0.0.0.0:0"),
+            ("0.0.0.0", "0.0.0.0:8080"),
+            ("[::1]:9", "[::1]:9"),
+        ] {
+            assert_eq!(place(text).map(|a| a.to_string()).as_deref(), Ok(address), "{text}");
+        }
+        for wrong in ["", ":", "99999", "localhost:x", "no such host"] {
+            assert!(place(wrong).is_err_and(|e| e.contains("127.0.0.1:8080")), "{wrong}");
+        }
+    }
 }

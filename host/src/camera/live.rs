@@ -11,9 +11,10 @@ use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
+use std::thread;
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result, anyhow};
+use anyhow::{Result, anyhow};
 use keygraph_core::Model;
 use serde_json::{Value, json};
 use tokio::sync::watch;
@@ -21,8 +22,10 @@ use tokio::sync::watch;
 use super::Captured;
 use super::damage::Damage;
 use super::models::Models;
+use super::repeated::Repeated;
 use super::shot::{Shot, Work};
 use super::slot::Slot;
+use super::tally::Tally;
 use super::tracker::{State, states};
 use crate::report::{frame_line, rounded};
 use crate::search::{Found, Request};
@@ -30,6 +33,11 @@ use crate::trail::Trail;
 
 /// Number of frames over which the frame rate is averaged.
 const RATE_FRAMES: usize = 30;
+/// Pause after a frame that cannot be searched. Each one in a row makes it longer, up to five
+/// times.
+const PAUSE: Duration = Duration::from_millis(100);
+/// Maximum time between two frames of a source that delivers.
+const SILENCE: Duration = Duration::from_secs(15);
 
 /// The state that the threads share.
 #[derive(Debug)]
@@ -46,9 +54,13 @@ pub struct Live {
     pub shots: watch::Sender<Option<Arc<Shot>>>,
     /// The name of the source.
     pub source: String,
+    /// Numbers for those who watch the program.
+    pub tally: Tally,
     threshold: AtomicU32,
     trouble: Mutex<Option<String>>,
     start: Instant,
+    /// The time of the newest frame, ms after `start`; `u64::MAX` before the first.
+    newest: AtomicU64,
     /// The time until which a viewer wants pictures, ms after `start`.
     watched_until: AtomicU64,
     /// The time until which a viewer wants corners and triangles, ms after `start`.
@@ -66,9 +78,11 @@ impl Live {
             models,
             shots: watch::Sender::new(None),
             source,
+            tally: Tally::default(),
             threshold: AtomicU32::new(threshold.to_bits()),
             trouble: Mutex::new(None),
             start: Instant::now(),
+            newest: AtomicU64::new(u64::MAX),
             watched_until: AtomicU64::new(0),
             details_until: AtomicU64::new(0),
         }
@@ -92,6 +106,13 @@ impl Live {
     /// Sets the reason why there are no frames; `None` when there are frames again.
     pub fn set_trouble(&self, trouble: Option<String>) {
         *self.trouble.lock().unwrap_or_else(PoisonError::into_inner) = trouble;
+    }
+
+    /// Whether frames arrive.
+    pub fn delivers(&self) -> bool {
+        let newest = self.newest.load(Ordering::Relaxed);
+        let silence = self.now_ms().saturating_sub(newest);
+        newest != u64::MAX && u128::from(silence) < SILENCE.as_millis() && self.trouble().is_none()
     }
 
     fn now_ms(&self) -> u64 {
@@ -143,21 +164,32 @@ type Sequence = (u64, (u32, u32), u32);
 pub fn search_frames(live: &Live, wanted: Request, mut each: impl FnMut(&Outcome) -> Result<bool>) -> Result<()> {
     let mut rate = Rate::default();
     let mut trail = Trail::default();
+    let (repeated, mut failures) = (Repeated::default(), 0);
     loop {
         let merged = live.models.merged();
         // The model is parsed once for each change, not for each frame: that reads all of it.
         let model = merged.bytes.as_ref().and_then(|b| Model::parse(b).ok());
         while live.models.generation() == merged.generation {
             let Some(captured) = live.frames.take() else { return Ok(()) };
+            live.newest.store(live.now_ms(), Ordering::Relaxed);
+            let start = Instant::now();
             let details = live.is_watched() && live.wants_details();
             let request = Request { details, threshold: live.threshold(), ..wanted };
             let found = match look_at(&captured, model.as_ref(), merged.generation, &mut trail, &request) {
                 Ok(found) => found,
                 Err(error) => {
-                    tracing::error!("{}, frame {}: {error:#}", live.source, captured.number);
+                    if let Some(told) = repeated.note(&format!("{error:#}"), Instant::now()) {
+                        tracing::error!("{}, frame {}: {told}", live.source, captured.number);
+                    }
+                    failures += 1;
+                    thread::sleep(PAUSE * failures.min(5));
                     continue;
                 }
             };
+            failures = 0;
+            let time = start.elapsed();
+            let searched = found.as_ref().and_then(|f| f.tracking.as_ref()).is_some_and(|t| t.searched);
+            live.tally.frame(found.as_ref().map_or(0, |f| f.detections.len()), searched.then_some(time));
             let fps = rate.tick(Instant::now());
             let mut outcome = outcome(live, &captured, model.as_ref(), found.as_ref());
             outcome.line["fps"] = rounded(fps, 2);
@@ -216,11 +248,16 @@ fn outcome(live: &Live, captured: &Captured, model: Option<&Model<'_>>, found: O
 
 /// Encodes searched frames for the page until the slot is closed.
 pub fn paint(live: &Live) {
+    let repeated = Repeated::default();
     while let Some(work) = live.work.take() {
         let frame = work.captured.number;
-        match Shot::new(work).with_context(|| format!("frame {frame}")) {
+        match Shot::new(work) {
             Ok(shot) => _ = live.shots.send_replace(Some(Arc::new(shot))),
-            Err(error) => tracing::error!("{error:#}"),
+            Err(error) => {
+                if let Some(told) = repeated.note(&format!("{error:#}"), Instant::now()) {
+                    tracing::error!("frame {frame}: {told}");
+                }
+            }
         }
     }
 }

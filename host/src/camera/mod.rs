@@ -8,14 +8,20 @@
 //!                             └────► standard output, broker
 //! ```
 //!
+//! Standard output has a thread of its own: when nobody reads it, lines are dropped.
+//!
 //! A file uses only files above it:
 //!
 //! - [`mode`]: the modes of a camera, and which one to ask for
 //! - [`mjpeg`]: a frame of Motion-JPEG as a JPEG
 //! - [`cutout`]: the object cut out of a frame
+//! - [`guard`]: which requests are answered
 //! - [`arguments`]: arguments of the commands
 //! - [`slot`]: the newest item of a thread, for another
 //! - [`damage`]: damaged frames
+//! - [`repeated`]: messages that come again and again
+//! - [`lines`]: JSON lines on standard output
+//! - [`tally`]: numbers for those who watch the program
 //! - [`replay`]: a file in place of a camera
 //! - [`shelf`]: a folder that keeps models when the program ends
 //! - [`models`]: the models in use
@@ -24,7 +30,9 @@
 //! - [`live`]: the search of the newest frame
 //! - `device`: cameras through V4L2 (with the feature `camera`, on Linux)
 //! - [`lesson`]: training on an object in a frame
-//! - [`guard`]: which requests are answered
+//! - [`attempts`]: attempts to guess the token
+//! - [`intake`]: bodies of requests, and those who wait to train
+//! - [`server`]: connections to the page
 //! - [`web`]: the page
 //! - [`mqtt`]: messages to a broker
 //! - [`session`]: the threads beside the search
@@ -35,9 +43,13 @@
 pub mod mode;
 pub mod mjpeg;
 pub mod cutout;
+pub mod guard;
 pub mod arguments;
 pub mod slot;
 pub mod damage;
+pub mod repeated;
+pub mod lines;
+pub mod tally;
 pub mod replay;
 pub mod shelf;
 pub mod models;
@@ -47,7 +59,9 @@ pub mod live;
 #[cfg(all(feature = "camera", target_os = "linux"))]
 pub mod device;
 pub mod lesson;
-pub mod guard;
+pub mod attempts;
+pub mod intake;
+pub mod server;
 pub mod web;
 pub mod mqtt;
 pub mod session;
@@ -66,6 +80,7 @@ use crate::picture::Picture;
 use crate::search::{Profile, Request};
 use arguments::{Arguments, Lesson};
 use lesson::{Errand, Learned, Plan, learn};
+use lines::Lines;
 use live::{Live, Outcome, search_frames};
 use models::Models;
 use mqtt::Broker;
@@ -76,7 +91,7 @@ use tracker::State;
 use web::School;
 
 /// Maximum time at the end of the program for answers that are still being sent.
-const FAREWELL: Duration = Duration::from_secs(2);
+const FAREWELL: Duration = Duration::from_secs(1);
 
 /// A frame from the source.
 #[derive(Debug)]
@@ -100,6 +115,7 @@ pub fn camera(arguments: &Arguments) -> Result<()> {
     if arguments.list {
         return session::list()?.iter().try_for_each(|line| print_line(line));
     }
+    arguments.token.as_deref().map(guard::check_token).transpose()?;
     let shelf = arguments.folder.as_deref().map(Shelf::open).transpose()?;
     let models = Models::load(&arguments.models, shelf)?;
     ensure!(
@@ -109,8 +125,14 @@ pub fn camera(arguments: &Arguments) -> Result<()> {
     let live = Arc::new(Live::new(session::name_of(&arguments.origin), models, arguments.threshold));
     let broker = arguments.mqtt.as_deref().map(Broker::parse).transpose()?.map(mqtt::channel);
     let (mut publisher, outlet) = broker.unzip();
-    let page = arguments.web.map(|address| Page { address, token: arguments.token.clone(), school: School::default() });
-    let session = Session::start(&arguments.origin, &live, page, outlet)?;
+    let page = arguments.web.map(|address| Page {
+        address,
+        token: arguments.token.clone(),
+        public: arguments.public_url.clone(),
+        school: School::default(),
+    });
+    let mut lines = arguments.json.then(|| Lines::start(io::stdout())).transpose()?;
+    let session = Session::start(&arguments.origin, &live, page, outlet, 0)?;
 
     let mut left = arguments.frames;
     let mut diary = Diary::default();
@@ -124,13 +146,18 @@ pub fn camera(arguments: &Arguments) -> Result<()> {
         if let Some(publisher) = &mut publisher {
             publisher.take(outcome);
         }
-        if arguments.json {
-            print_line(&outcome.line.to_string())?;
+        if let Some(lines) = &mut lines
+            && !lines.put(&outcome.line.to_string())?
+        {
+            live.tally.line_dropped();
         }
         left = left.map(|n| n.saturating_sub(1));
         Ok(left != Some(0))
     });
     let ended = session.end();
+    if lines.is_some_and(|lines| !lines.end()) {
+        tracing::warn!("ended before the last lines were read");
+    }
     searched?;
     ended
 }
@@ -146,7 +173,7 @@ pub fn learn_from_camera(lesson: &Lesson, name: String, output: &Path, plan: &Pl
     log_to_standard_error(LevelFilter::INFO);
     let live = Arc::new(Live::new(session::name_of(&lesson.origin), Models::load(&[], None)?, DEFAULT_THRESHOLD));
     if let Some(outline) = &lesson.outline {
-        let session = Session::start(&lesson.origin, &live, None, None)?;
+        let session = Session::start(&lesson.origin, &live, None, None, 1)?;
         let taken = take_picture(&live.frames, Duration::from_secs(lesson.countdown.into()));
         let ended = session.end();
         let Some(picture) = taken else { return ended.and(Err(anyhow!(STOPPED))) };
@@ -157,8 +184,8 @@ pub fn learn_from_camera(lesson: &Lesson, name: String, output: &Path, plan: &Pl
     let (sender, learned) = mpsc::channel();
     let errand = Errand { name, output: output.to_path_buf(), sender: Mutex::new(Some(sender)) };
     let school = School { plan: plan.clone(), errand: Some(errand) };
-    let page = Page { address: lesson.web, token: lesson.token.clone(), school };
-    let session = Session::start(&lesson.origin, &live, Some(page), None)?;
+    let page = Page { address: lesson.web, token: lesson.token.clone(), public: None, school };
+    let session = Session::start(&lesson.origin, &live, Some(page), None, 1)?;
     tracing::info!("open it, hold the object up, and press \"Learn an object\"");
     let searched = search_frames(&live, Request::new(Profile::Vga, DEFAULT_THRESHOLD), |_| Ok(true));
     let ended = session.end();

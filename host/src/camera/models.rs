@@ -4,14 +4,17 @@
 //! objects, in an [`Arc`] that the searching thread keeps until the models change. With a
 //! [`Shelf`], models are also kept as files for the next start.
 //!
-//! Memory: each model, and the merged one. Cost: a merge (some 10 ms) a change.
+//! A merge takes time (up to a second for 40 models). Changes that come meanwhile are merged
+//! together after it. Only those who make a change wait for it, not those who read the list.
+//!
+//! Memory: each model, and the merged one. Cost: a merge a change, and one at the start.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use anyhow::{Context, Result, ensure};
-use keygraph_core::Model;
+use keygraph_core::{Model, packed_len};
 use serde_json::{Value, json};
 
 use super::shelf::Shelf;
@@ -33,6 +36,8 @@ pub struct Entry {
     pub bytes: Arc<Vec<u8>>,
     /// The file on the shelf; it is removed with the model.
     pub file: Option<PathBuf>,
+    /// The objects of the model, for the page.
+    objects: Value,
 }
 
 impl Entry {
@@ -46,7 +51,7 @@ impl Entry {
 /// All models merged into one, for the search.
 #[derive(Clone, Debug)]
 pub struct Merged {
-    /// The number of changes of the models so far.
+    /// The number of merges of the models so far.
     pub generation: u64,
     /// The merged model; `None` when there are no models.
     pub bytes: Option<Arc<Vec<u8>>>,
@@ -56,6 +61,10 @@ pub struct Merged {
 #[derive(Debug)]
 pub struct Models {
     content: Mutex<Content>,
+    /// Held while a file is written or removed: `content` is never locked that long.
+    writing: Mutex<()>,
+    /// Held for the time of a merge.
+    merging: Mutex<()>,
     shelf: Option<Shelf>,
     generation: AtomicU64,
 }
@@ -64,6 +73,10 @@ pub struct Models {
 struct Content {
     next_id: u64,
     entries: Vec<Entry>,
+    /// Number of changes of `entries` so far.
+    changes: u64,
+    /// The value of `changes` at the last merge.
+    merged_changes: u64,
     merged: Option<Arc<Vec<u8>>>,
 }
 
@@ -75,9 +88,10 @@ impl Models {
     /// a file of the shelf is no error: it is left out and logged, so that the others are
     /// still found.
     pub fn load(paths: &[PathBuf], shelf: Option<Shelf>) -> Result<Self> {
-        let content = Content { next_id: 1, entries: Vec::new(), merged: None };
+        let content = Content { next_id: 1, entries: Vec::new(), changes: 0, merged_changes: 0, merged: None };
         let kept = shelf.as_ref().map(Shelf::files).transpose()?.unwrap_or_default();
-        let models = Self { content: Mutex::new(content), shelf, generation: AtomicU64::new(0) };
+        let (writing, merging) = (Mutex::new(()), Mutex::new(()));
+        let models = Self { content: Mutex::new(content), writing, merging, shelf, generation: AtomicU64::new(0) };
         for path in paths {
             models.read(path, None)?;
         }
@@ -85,6 +99,12 @@ impl Models {
             if let Err(error) = models.read(&path, Some(path.clone())) {
                 tracing::error!("left out: {}", plain(&format!("{error:#}")));
             }
+        }
+        while let Err(error) = models.merge_changes() {
+            // They are too many for one model. Those of the shelf come last.
+            let mut content = models.lock();
+            let Some(last) = content.entries.pop_if(|e| e.file.is_some()) else { return Err(error) };
+            tracing::error!("left out: {}: {error:#}", last.name);
         }
         Ok(models)
     }
@@ -110,27 +130,59 @@ impl Models {
     /// with the others, or cannot be written.
     pub fn add(&self, name: &str, bytes: Vec<u8>) -> Result<Entry> {
         check_name(name)?;
-        self.insert(name, bytes, |model| self.shelf.as_ref().map(|shelf| shelf.keep(name, model)).transpose())
+        let keep = |model: &[u8]| self.shelf.as_ref().map(|shelf| shelf.keep(name, model)).transpose();
+        let entry = self.insert(name, bytes, keep)?;
+        if let Err(error) = self.merge_changes() {
+            self.take_out(entry.id)?;
+            return Err(error);
+        }
+        Ok(entry)
     }
 
-    /// Adds a model. `keep` writes its file and returns the path; it is called last.
+    /// Adds a model, which is not merged yet. `keep` writes its file and returns the path; it
+    /// is called last.
     fn insert<K>(&self, name: &str, bytes: Vec<u8>, keep: K) -> Result<Entry>
     where
         K: FnOnce(&[u8]) -> Result<Option<PathBuf>>,
     {
-        Model::parse(&bytes)?;
+        let model = Model::parse(&bytes)?;
+        let objects = (0..model.objects()).map(|i| model.object(i));
+        let objects = objects.map(|o| json!({"name": o.name, "width": o.width, "height": o.height})).collect();
+        let _writing = self.writing.lock().unwrap_or_else(PoisonError::into_inner);
+        let (count, last) = {
+            let content = self.lock();
+            (content.entries.len(), content.entries.last().map(|e| Arc::clone(&e.bytes)))
+        };
+        ensure!(count < MOST, "{MOST} models are in use: remove one first");
+        // What goes with the one before goes with all: the others were checked likewise.
+        if let Some(last) = last {
+            packed_len(&[Model::parse(&last)?, model]).context("the models do not go together")?;
+        }
+        let file = keep(&bytes)?;
         let mut content = self.lock();
-        ensure!(content.entries.len() < MOST, "{MOST} models are in use: remove one first");
-        let id = content.next_id;
-        let mut entries = content.entries.clone();
-        entries.push(Entry { id, name: name.to_string(), bytes: Arc::new(bytes), file: None });
-        let merged = merge_all(&entries)?;
-        let entry = &mut entries[content.entries.len()];
-        entry.file = keep(&entry.bytes)?;
-        let entry = entry.clone();
-        *content = Content { next_id: id + 1, entries, merged };
-        self.generation.fetch_add(1, Ordering::Release);
+        let entry = Entry { id: content.next_id, name: name.to_string(), file, bytes: Arc::new(bytes), objects };
+        content.entries.push(entry.clone());
+        content.next_id += 1;
+        content.changes += 1;
         Ok(entry)
+    }
+
+    /// Merges the models, unless somebody else did so after the last change.
+    fn merge_changes(&self) -> Result<()> {
+        let _merging = self.merging.lock().unwrap_or_else(PoisonError::into_inner);
+        let (entries, changes) = {
+            let content = self.lock();
+            if content.changes == content.merged_changes {
+                return Ok(());
+            }
+            (content.entries.clone(), content.changes)
+        };
+        let merged = merge_all(&entries)?;
+        let mut content = self.lock();
+        content.merged = merged;
+        content.merged_changes = changes;
+        self.generation.fetch_add(1, Ordering::Release);
+        Ok(())
     }
 
     /// Removes a model, and its file from the shelf. Returns the model; `None` when no model
@@ -139,18 +191,22 @@ impl Models {
     /// # Errors
     /// When the file cannot be removed; then the model stays.
     pub fn remove(&self, id: u64) -> Result<Option<Entry>> {
-        let mut content = self.lock();
-        let mut entries = content.entries.clone();
-        let Some(at) = entries.iter().position(|e| e.id == id) else { return Ok(None) };
-        let removed = entries.remove(at);
-        let merged = merge_all(&entries)?;
-        if let (Some(shelf), Some(file)) = (&self.shelf, &removed.file) {
+        let removed = self.take_out(id)?;
+        self.merge_changes()?;
+        Ok(removed)
+    }
+
+    /// Removes a model, and its file from the shelf. It is merged still.
+    fn take_out(&self, id: u64) -> Result<Option<Entry>> {
+        let _writing = self.writing.lock().unwrap_or_else(PoisonError::into_inner);
+        let Some(entry) = self.get(id) else { return Ok(None) };
+        if let (Some(shelf), Some(file)) = (&self.shelf, &entry.file) {
             shelf.discard(file)?;
         }
-        content.merged = merged;
-        content.entries = entries;
-        self.generation.fetch_add(1, Ordering::Release);
-        Ok(Some(removed))
+        let mut content = self.lock();
+        content.entries.retain(|e| e.id != id);
+        content.changes += 1;
+        Ok(Some(entry))
     }
 
     /// The model with this id.
@@ -158,7 +214,12 @@ impl Models {
         self.lock().entries.iter().find(|e| e.id == id).cloned()
     }
 
-    /// The number of changes of the models so far. Does not wait for a merge.
+    /// The number of models.
+    pub fn count(&self) -> usize {
+        self.lock().entries.len()
+    }
+
+    /// The number of merges so far. Does not wait for one.
     pub fn generation(&self) -> u64 {
         self.generation.load(Ordering::Acquire)
     }
@@ -173,18 +234,12 @@ impl Models {
     /// "height"}]}]`; `file` is the name of the file on the shelf.
     pub fn list(&self) -> Value {
         let entries = self.lock().entries.clone();
-        entries
-            .iter()
-            .filter_map(|e| {
-                let model = Model::parse(&e.bytes).ok()?;
-                let objects = (0..model.objects()).map(|i| model.object(i));
-                let objects = objects.map(|o| json!({"name": o.name, "width": o.width, "height": o.height}));
-                Some(json!({
-                    "id": e.id, "name": e.name, "bytes": e.bytes.len(), "file": e.file_name(),
-                    "objects": objects.collect::<Vec<_>>(),
-                }))
+        let line = |e: &Entry| {
+            json!({
+                "id": e.id, "name": e.name, "bytes": e.bytes.len(), "file": e.file_name(), "objects": e.objects,
             })
-            .collect()
+        };
+        entries.iter().map(line).collect()
     }
 }
 
@@ -193,8 +248,61 @@ fn merge_all(entries: &[Entry]) -> Result<Option<Arc<Vec<u8>>>> {
         [] => None,
         [one] => Some(Arc::clone(&one.bytes)),
         several => {
-            let all: Vec<Vec<u8>> = several.iter().map(|e| e.bytes.to_vec()).collect();
+            let all: Vec<&[u8]> = several.iter().map(|e| e.bytes.as_slice()).collect();
             Some(Arc::new(merge(&all).context("the models do not go together")?))
         }
     })
+}
+
+#[cfg(test)]
+#[allow(clippy::cast_possible_truncation, reason = "noise")]
+mod tests {
+    use super::*;
+    use crate::input::{Picture, Pixels};
+    use crate::learn::{Preset, train_within};
+    use std::thread;
+    use std::time::{Duration, Instant};
+
+    /// A small model of noise.
+    fn model() -> Vec<u8> {
+        let noise = (0..200 * 200_u32).map(|i| (((i / 8 % 25 * 7 + i / 1600 * 31) * 2_654_435) >> 9) as u8).collect();
+        let picture = Picture { width: 200, height: 200, pixels: Pixels::Gray8(noise) };
+        train_within(&picture, "noise", Preset::Compact, true, 60_000).expect("trains").0
+    }
+
+    #[test]
+    fn models_are_merged_once_at_the_start() {
+        let folder = crate::scratch::Folder::new("merged-once");
+        let model = model();
+        let paths: Vec<_> = (0..6).map(|i| folder.0.join(format!("{i}.kgm"))).collect();
+        paths.iter().for_each(|path| fs::write(path, &model).expect("writes"));
+        let models = Models::load(&paths, None).expect("loads");
+        assert_eq!((models.generation(), models.count()), (1, 6), "one merge for all");
+        let merged = models.merged().bytes.expect("merged");
+        assert_eq!(Model::parse(&merged).expect("parses").objects(), 6);
+    }
+
+    #[test]
+    fn changes_during_a_merge_are_merged_together_and_the_list_does_not_wait() {
+        let (models, model) = (Models::load(&[], None).expect("nothing to fail"), model());
+        let merging = models.merging.lock().expect("not poisoned");
+        thread::scope(|scope| {
+            let adders: Vec<_> = (0..8).map(|_| scope.spawn(|| models.add("noise", model.clone()))).collect();
+            let start = Instant::now();
+            while models.count() < 8 {
+                assert!(start.elapsed() < Duration::from_secs(60), "the list waits for the merge");
+                thread::sleep(Duration::from_millis(5));
+            }
+            assert_eq!(models.list().as_array().map(Vec::len), Some(8));
+            assert_eq!(models.generation(), 0);
+            drop(merging);
+            for adder in adders {
+                adder.join().expect("no panic").expect("goes with the others");
+            }
+        });
+        assert_eq!(models.generation(), 1, "one merge for all");
+        models.remove(3).expect("removes").expect("it was there");
+        let merged = models.merged().bytes.expect("merged");
+        assert_eq!((models.generation(), Model::parse(&merged).expect("parses").objects()), (2, 7));
+    }
 }

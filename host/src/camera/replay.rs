@@ -6,6 +6,7 @@
 //!
 //! Memory: one frame. Cost: decoding.
 
+use std::io;
 use std::path::{Path, PathBuf};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -22,36 +23,57 @@ const FOLDER_FPS: f64 = 25.0;
 /// Maximum delay that the source makes up for. When it is later, it goes on from now.
 const PATIENCE: Duration = Duration::from_secs(1);
 
+/// Pauses before a file is opened again that cannot be read any more: the first and the
+/// longest.
+const PAUSES: [Duration; 2] = [Duration::from_millis(500), Duration::from_secs(10)];
+
 /// Plays `path` into `frames` until that is closed, at `fps` frames a second or else at the
-/// file's own rate. Frames that cannot be read are counted in `damage`.
+/// file's own rate. Frames that cannot be read are counted in `damage`. A file that could be
+/// read before is tried again; `told` takes the reason, and `None` when frames come again.
 ///
 /// # Errors
-/// When no frame of the file can be read.
-pub fn replay(path: &Path, fps: Option<f64>, frames: &Slot<Captured>, damage: &Damage) -> Result<()> {
+/// When no frame of the file can be read from the start, for a reason that will not pass.
+pub fn replay(
+    path: &Path,
+    fps: Option<f64>,
+    frames: &Slot<Captured>,
+    damage: &Damage,
+    told: &dyn Fn(Option<String>),
+) -> Result<()> {
     let name = path.display().to_string();
     let inputs = [PathBuf::from(path)];
     let mut number = 0;
     let mut due = Instant::now();
-    loop {
+    let mut pause = PAUSES[0];
+    let mut in_trouble = false;
+    while !frames.is_closed() {
         let mut trouble = None;
         let before = number;
         for frame in Source::open(&inputs)? {
-            let picture = match frame.picture {
-                Ok(picture) => picture,
-                Err(error) => {
-                    damage.note(&name, &error);
-                    trouble = Some(error);
-                    continue;
-                }
-            };
             let rate = fps.unwrap_or(match frame.kind {
                 Kind::Still => FOLDER_FPS,
                 Kind::Video { fps: (n, d) } => f64::from(n) / f64::from(d.max(1)),
             });
+            // A damaged frame takes its time too: nothing runs in circles.
             thread::sleep(due.saturating_duration_since(Instant::now()));
             due += Duration::from_secs_f64(1.0 / rate.max(0.1));
             if due + PATIENCE < Instant::now() {
                 due = Instant::now();
+            }
+            let picture = match frame.picture {
+                Ok(picture) => picture,
+                Err(error) => {
+                    if !is_passing(&error) {
+                        damage.note(&name, &error);
+                    }
+                    trouble = Some(error);
+                    continue;
+                }
+            };
+            if in_trouble {
+                (pause, in_trouble) = (PAUSES[0], false);
+                told(None);
+                tracing::info!("{name} can be read again");
             }
             if !frames.put(Captured { number, at: Instant::now(), picture, jpeg: None }) {
                 return Ok(());
@@ -60,7 +82,25 @@ pub fn replay(path: &Path, fps: Option<f64>, frames: &Slot<Captured>, damage: &D
         }
         if number == before {
             let trouble = trouble.unwrap_or_else(|| anyhow!("it has no frames"));
-            return Err(trouble).with_context(|| format!("cannot replay {name}"));
+            if number == 0 && !is_passing(&trouble) {
+                return Err(trouble).with_context(|| format!("cannot replay {name}"));
+            }
+            if !in_trouble {
+                tracing::warn!("cannot replay {name}: {trouble:#}; trying again");
+                told(Some(format!("cannot replay {name}: {trouble:#}")));
+                in_trouble = true;
+            }
+            thread::sleep(pause);
+            pause = (pause * 2).min(PAUSES[1]);
         }
     }
+    Ok(())
+}
+
+/// Whether an error is one of the system that passes: too many open files, too little memory.
+fn is_passing(error: &anyhow::Error) -> bool {
+    /// EINTR, EAGAIN, ENOMEM, ENFILE and EMFILE.
+    const PASSING: [i32; 5] = [4, 11, 12, 23, 24];
+    let code = |cause: &(dyn std::error::Error + 'static)| cause.downcast_ref::<io::Error>()?.raw_os_error();
+    error.chain().filter_map(code).any(|code| PASSING.contains(&code))
 }

@@ -9,12 +9,12 @@ use std::io;
 use std::net::{SocketAddr, TcpListener};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
+use std::time::Duration;
 
 use anyhow::{Context, Result};
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::watch;
 
-use super::FAREWELL;
 use super::arguments::Origin;
 #[cfg(all(feature = "camera", target_os = "linux"))]
 use super::device;
@@ -31,9 +31,19 @@ pub struct Page {
     pub address: SocketAddr,
     /// The secret that users must give. `None`: no token on loopback, else a random one.
     pub token: Option<String>,
+    /// The address of the page behind a proxy, such as `https://cam.example.org`.
+    pub public: Option<String>,
     /// How objects are learned on the page.
     pub school: School,
 }
+
+/// Maximum time from a signal to the end of the program. After it, what still runs is given
+/// up: a search, a training, a line that nobody reads.
+const LONGEST_END: Duration = Duration::from_millis(1700);
+/// Maximum number of threads that train, merge, and look up the broker's name.
+const WORKERS: usize = 4;
+/// Maximum time at the end for trainings and merges.
+const LAST_WORK: Duration = Duration::from_millis(100);
 
 /// The running threads.
 #[derive(Debug)]
@@ -46,19 +56,28 @@ pub struct Session {
 }
 
 impl Session {
-    /// Starts all threads.
+    /// Starts all threads. `overdue` is the exit status of the program when it does not end in
+    /// time after a signal.
     ///
     /// # Errors
-    /// When the page's address cannot be bound.
-    pub fn start(origin: &Origin, live: &Arc<Live>, page: Option<Page>, outlet: Option<Outlet>) -> Result<Self> {
+    /// When the token is too short, or the page's address cannot be bound.
+    pub fn start(
+        origin: &Origin,
+        live: &Arc<Live>,
+        page: Option<Page>,
+        outlet: Option<Outlet>,
+        overdue: i32,
+    ) -> Result<Self> {
         let (stop, stopped) = watch::channel(false);
-        let network = serve(page, live, outlet, stopped)?;
+        let network = serve(page, live, outlet, overdue, stopped)?;
         let failure = Arc::new(Mutex::new(None));
         thread::Builder::new().name("source".into()).spawn({
             let (live, failure, origin) = (Arc::clone(live), Arc::clone(&failure), origin.clone());
             move || {
                 let end = match &origin.replay {
-                    Some(path) => replay(path, origin.fps, &live.frames, &live.damage),
+                    Some(path) => {
+                        replay(path, origin.fps, &live.frames, &live.damage, &|trouble| live.set_trouble(trouble))
+                    }
                     None => capture(&origin, &live),
                 };
                 *failure.lock().unwrap_or_else(PoisonError::into_inner) = end.err();
@@ -143,9 +162,10 @@ fn serve(
     page: Option<Page>,
     live: &Arc<Live>,
     outlet: Option<Outlet>,
+    overdue: i32,
     mut stopped: watch::Receiver<bool>,
 ) -> Result<thread::JoinHandle<()>> {
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().max_blocking_threads(WORKERS).build()?;
     // Before the page can be reached: from then on, a signal must end the program cleanly.
     let signals = {
         let _inside = runtime.enter();
@@ -154,7 +174,7 @@ fn serve(
     let page = page.map(listen).transpose()?;
     let live = Arc::clone(live);
     let served = async move {
-        tokio::spawn(close_on_signal(signals, Arc::clone(&live)));
+        tokio::spawn(close_on_signal(signals, Arc::clone(&live), overdue));
         let publishing = outlet.map(|outlet| tokio::spawn(mqtt::publish(outlet, stopped.clone())));
         if let Some((listener, guard, school)) = page
             && let Err(error) = web::serve(listener, guard, school, live, stopped.clone()).await
@@ -169,28 +189,32 @@ fn serve(
     };
     Ok(thread::Builder::new().name("network".into()).spawn(move || {
         runtime.block_on(served);
-        runtime.shutdown_timeout(FAREWELL);
+        runtime.shutdown_timeout(LAST_WORK);
     })?)
 }
 
 /// Binds the page's address, and logs its URL.
 fn listen(page: Page) -> Result<(TcpListener, Guard, School)> {
+    page.token.as_deref().map(guard::check_token).transpose()?;
     let address = page.address;
     let listener = TcpListener::bind(address)
         .with_context(|| format!("cannot serve the page at {address}: give another address with --web"))?;
     listener.set_nonblocking(true)?;
+    let given = page.token.is_some();
     let token = match page.token {
-        None if address.ip().is_loopback() => None,
+        None if address.ip().is_loopback() && page.public.is_none() => None,
         None => Some(guard::random_token()?),
         given => given,
     };
-    tracing::info!("the page is at {}", web::url(listener.local_addr()?, token.as_deref()));
-    Ok((listener, Guard::new(token), page.school))
+    // A log is read by more people than a token is for: a token that was given is known.
+    let shown = if given { Some("TOKEN") } else { token.as_deref() };
+    tracing::info!("the page is at {}", web::url(listener.local_addr()?, shown));
+    Ok((listener, Guard::new(token, page.public), page.school))
 }
 
-/// Waits for signals. The first ends the source, and with it all threads; the second ends
-/// the program at once.
-async fn close_on_signal(signals: io::Result<(Signal, Signal)>, live: Arc<Live>) {
+/// Waits for signals. The first ends the source, and with it all threads, within
+/// [`LONGEST_END`]; the second ends the program at once.
+async fn close_on_signal(signals: io::Result<(Signal, Signal)>, live: Arc<Live>, overdue: i32) {
     let Ok((mut interrupt, mut terminate)) = signals else {
         return tracing::warn!("signals cannot be waited for: they end the program at once");
     };
@@ -199,7 +223,11 @@ async fn close_on_signal(signals: io::Result<(Signal, Signal)>, live: Arc<Live>)
         if last {
             std::process::exit(130);
         }
-        tracing::info!("ending");
         live.frames.close();
+        thread::spawn(move || {
+            thread::sleep(LONGEST_END);
+            std::process::exit(overdue);
+        });
+        tracing::info!("ending");
     }
 }

@@ -7,6 +7,8 @@
 //! | `GET /` | the page, which asks for the rest |
 //! | `GET /frame?after=N&details=1` | the newest searched frame that is not number N, as soon as there is one: picture and outlines in one body, see [`super::shot`]; 204 after 5 s without a frame |
 //! | `GET /events` | JSON lines of all frames as server-sent events |
+//! | `GET /health` | whether frames arrive, without a token: 200, or 503 |
+//! | `GET /metrics` | numbers for Prometheus |
 //! | `GET /status` | the trouble of the source, the models, the threshold, the [`Errand`] |
 //! | `POST /models?name=N` | adds the model in the body |
 //! | `GET /models/ID`, `DELETE /models/ID` | returns, removes a model |
@@ -16,36 +18,38 @@
 //! A viewer asks for the next frame when it has drawn the last one. Each viewer gets as
 //! many frames as it can draw, always the newest, and waits for no other viewer.
 //!
-//! Memory: the newest frame, once for all viewers. Cost: a copy to each socket.
+//! Memory: the newest frame, once for all viewers; one picture at a time that is learned.
+//! Cost: a copy to each socket.
 
 use std::convert::Infallible;
-use std::io::Cursor;
-use std::net::{SocketAddr, TcpListener, UdpSocket};
+use std::net::{IpAddr, SocketAddr, TcpListener, UdpSocket};
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
-use axum::Router;
-use axum::body::{Body, Bytes};
-use axum::extract::{DefaultBodyLimit, Path, Query, Request, State};
-use axum::http::{Method, StatusCode, header};
+use axum::body::Body;
+use axum::extract::{Path, Query, Request, State};
+use axum::http::{HeaderMap, Method, StatusCode, header};
 use axum::middleware::{Next, from_fn_with_state};
 use axum::response::sse::{Event, KeepAlive, Sse};
 use axum::response::{Html, IntoResponse, Json, Response};
 use axum::routing::{get, post, put};
+use axum::{Extension, Router};
 use futures_util::stream::{Stream, unfold};
-use image::{ImageFormat, ImageReader};
 use serde::Deserialize;
 use serde_json::json;
 use tokio::sync::watch;
 
-use super::FAREWELL;
+use super::attempts::Attempts;
 use super::cutout::parse_outline;
-use super::guard::{Action, Guard, Refusal};
+use super::guard::{Action, Guard, Refusal, token_in};
+use super::intake::{Intake, Problem, Upload, discard};
 use super::lesson::{Errand, Plan, learn};
 use super::live::{Live, thousandths};
+use super::server::{self, Visit};
+use super::tally::Others;
 use crate::advice;
-use crate::picture::flatten_onto_white;
+use crate::picture::decode_jpeg;
 
 const PAGE: &str = include_str!("../page.html");
 
@@ -57,13 +61,16 @@ const POLICY: &str = "default-src 'none'; script-src 'unsafe-inline'; style-src 
 const PATIENCE: Duration = Duration::from_secs(5);
 /// Time for which pictures are encoded after a viewer's last request.
 const ATTENTION: Duration = Duration::from_secs(7);
-/// Maximum size of a request in bytes: a large model or a photograph.
-const MOST_BYTES: usize = 16 << 20;
+/// Maximum number of pixels of a picture to learn from. A picture that is decoded takes up
+/// to 9 bytes a pixel.
+const MOST_PIXELS: u64 = 12_000_000;
 
 #[derive(Clone)]
 struct Web {
     live: Arc<Live>,
     guard: Arc<Guard>,
+    attempts: Attempts,
+    intake: Intake,
     school: Arc<School>,
     stopped: watch::Receiver<bool>,
 }
@@ -75,21 +82,6 @@ pub struct School {
     pub plan: Plan,
     /// The command that waits for the first object, if any. It ends the page.
     pub errand: Option<Errand>,
-}
-
-/// An error of a request, with a message for people.
-struct Problem(StatusCode, String);
-
-impl IntoResponse for Problem {
-    fn into_response(self) -> Response {
-        (self.0, self.1).into_response()
-    }
-}
-
-impl From<anyhow::Error> for Problem {
-    fn from(error: anyhow::Error) -> Self {
-        Self(StatusCode::BAD_REQUEST, format!("{error:#}"))
-    }
 }
 
 /// The URL of the page. When it listens on all addresses, the URL has the address under
@@ -114,44 +106,69 @@ pub async fn serve(
     guard: Guard,
     school: School,
     live: Arc<Live>,
-    mut stopped: watch::Receiver<bool>,
+    stopped: watch::Receiver<bool>,
 ) -> Result<()> {
-    let web = Web { live, guard: Arc::new(guard), school: Arc::new(school), stopped: stopped.clone() };
+    let web = Web {
+        live: Arc::clone(&live),
+        guard: Arc::new(guard),
+        attempts: Attempts::default(),
+        intake: Intake::default(),
+        school: Arc::new(school),
+        stopped: stopped.clone(),
+    };
     let router = Router::new()
         .route("/frame", get(frame))
         .route("/events", get(events))
         .route("/status", get(status))
+        .route("/metrics", get(metrics))
         .route("/models", post(add_model))
         .route("/models/{id}", get(give_model).delete(remove_model))
         .route("/threshold", put(set_threshold))
         .route("/learn", post(learn_object))
         .route_layer(from_fn_with_state(web.clone(), guarded))
         .route("/", get(page))
-        .layer(DefaultBodyLimit::max(MOST_BYTES))
+        .route("/health", get(health))
         .with_state(web);
-    let listener = tokio::net::TcpListener::from_std(listener)?;
-    let mut over = stopped.clone();
-    let served = axum::serve(listener, router).with_graceful_shutdown(async move {
-        let _ = stopped.wait_for(|&s| s).await;
-    });
-    tokio::select! {
-        served = served => served?,
-        () = async { let _ = over.wait_for(|&s| s).await; tokio::time::sleep(FAREWELL).await } => {}
-    }
-    Ok(())
+    server::serve(listener, router, live, stopped).await
 }
 
-async fn guarded(State(web): State<Web>, request: Request<Body>, next: Next) -> Response {
-    let query = request.uri().query().unwrap_or_default();
-    let token = query.split('&').find_map(|pair| pair.strip_prefix("token="));
-    let action = if matches!(*request.method(), Method::GET | Method::HEAD) { Action::Look } else { Action::Change };
-    match web.guard.check(request.headers(), token, action) {
-        Ok(()) => next.run(request).await,
-        Err(refusal) => {
-            let code = if refusal == Refusal::Token { StatusCode::UNAUTHORIZED } else { StatusCode::FORBIDDEN };
-            Problem(code, refusal.text().into()).into_response()
-        }
+async fn guarded(
+    State(web): State<Web>,
+    Extension(visit): Extension<Arc<Visit>>,
+    request: Request<Body>,
+    next: Next,
+) -> Response {
+    let client = client(&web.guard, &visit, request.headers());
+    if web.attempts.is_barred(client) {
+        return Problem(StatusCode::TOO_MANY_REQUESTS, "too many wrong tokens: try again in some seconds".into())
+            .into_response();
     }
+    let action = if matches!(*request.method(), Method::GET | Method::HEAD) { Action::Look } else { Action::Change };
+    let refusal = match web.guard.check(request.headers(), token_in(request.uri()).as_deref(), action) {
+        Ok(()) => return next.run(request).await,
+        Err(refusal) => refusal,
+    };
+    if refusal == Refusal::Wrong {
+        let held = web.attempts.fail(client, Instant::now());
+        if held.failures.is_power_of_two() {
+            tracing::warn!("a wrong token from {client} ({} so far)", held.failures);
+        }
+        tokio::time::sleep(held.delay).await;
+    }
+    discard(request.into_body()).await;
+    let code = match refusal {
+        Refusal::Token | Refusal::Wrong => StatusCode::UNAUTHORIZED,
+        Refusal::Host | Refusal::Origin => StatusCode::FORBIDDEN,
+    };
+    Problem(code, refusal.text().into()).into_response()
+}
+
+/// The address of a client. Behind a proxy on this machine, the address that the proxy adds
+/// last.
+fn client(guard: &Guard, visit: &Visit, headers: &HeaderMap) -> IpAddr {
+    let told = headers.get_all("x-forwarded-for").iter().next_back().and_then(|v| v.to_str().ok());
+    let told = told.and_then(|v| v.rsplit(',').next()?.trim().parse().ok());
+    told.filter(|_| guard.is_behind_proxy() && visit.address.is_loopback()).unwrap_or(visit.address)
 }
 
 async fn page() -> impl IntoResponse {
@@ -170,7 +187,12 @@ struct Wanted {
     details: Option<u8>,
 }
 
-async fn frame(State(mut web): State<Web>, Query(wanted): Query<Wanted>) -> Response {
+async fn frame(
+    State(mut web): State<Web>,
+    Extension(visit): Extension<Arc<Visit>>,
+    Query(wanted): Query<Wanted>,
+) -> Response {
+    visit.look();
     let details = wanted.details == Some(1);
     web.live.look(ATTENTION, details);
     let mut shots = web.live.shots.subscribe();
@@ -193,7 +215,11 @@ async fn frame(State(mut web): State<Web>, Query(wanted): Query<Wanted>) -> Resp
     (headers, if details { body } else { body.slice(..shot.lean) }).into_response()
 }
 
-async fn events(State(web): State<Web>) -> Sse<impl Stream<Item = Result<Event, Infallible>>> {
+async fn events(
+    State(web): State<Web>,
+    Extension(visit): Extension<Arc<Visit>>,
+) -> Sse<impl Stream<Item = Result<Event, Infallible>>> {
+    visit.look();
     let start = (web.live.shots.subscribe(), web.stopped);
     let stream = unfold(start, |(mut shots, mut stopped)| async move {
         tokio::select! {
@@ -220,6 +246,24 @@ async fn status(State(web): State<Web>) -> impl IntoResponse {
     }))
 }
 
+/// Whether the program does its work, for a supervisor. Anybody may ask.
+async fn health(State(web): State<Web>) -> impl IntoResponse {
+    let camera = web.live.delivers();
+    let code = if camera { StatusCode::OK } else { StatusCode::SERVICE_UNAVAILABLE };
+    (code, Json(json!({"alive": true, "camera": camera, "models": web.live.models.count()})))
+}
+
+async fn metrics(State(web): State<Web>) -> impl IntoResponse {
+    let live = &web.live;
+    let others = Others {
+        dropped: live.frames.dropped(),
+        damaged: live.damage.count(),
+        models: live.models.count(),
+        camera: live.delivers(),
+    };
+    ([(header::CONTENT_TYPE, "text/plain; version=0.0.4")], live.tally.text(&others))
+}
+
 #[derive(Deserialize)]
 struct Named {
     name: String,
@@ -228,9 +272,10 @@ struct Named {
 async fn add_model(
     State(web): State<Web>,
     Query(named): Query<Named>,
-    body: Bytes,
+    body: Body,
 ) -> Result<impl IntoResponse, Problem> {
-    let added = apart(move || web.live.models.add(&named.name, body.to_vec())).await?;
+    let upload = web.intake.read(body).await?;
+    let added = apart(move || web.live.models.add(&named.name, upload.bytes)).await?;
     tracing::info!("model {} added", added.name);
     Ok((StatusCode::CREATED, Json(json!({"id": added.id, "file": added.file_name()}))))
 }
@@ -277,17 +322,25 @@ struct Lesson {
 async fn learn_object(
     State(web): State<Web>,
     Query(lesson): Query<Lesson>,
-    body: Bytes,
+    body: Body,
 ) -> Result<impl IntoResponse, Problem> {
-    Ok((StatusCode::CREATED, Json(apart(move || learn_from(&web, &lesson, &body)).await?)))
+    let upload = web.intake.read(body).await?;
+    let place = web.intake.place()?;
+    let turn = web.intake.turn().await?;
+    let learned = apart(move || {
+        // The turn ends with the work, even when the client is gone.
+        let _held = (place, turn);
+        learn_from(&web, &lesson, upload)
+    });
+    Ok((StatusCode::CREATED, Json(learned.await?)))
 }
 
 /// Trains on the part of a JPEG within an outline. The object goes to the errand, or else
 /// into the models in use.
-fn learn_from(web: &Web, lesson: &Lesson, jpeg: &[u8]) -> Result<serde_json::Value> {
+fn learn_from(web: &Web, lesson: &Lesson, upload: Upload) -> Result<serde_json::Value> {
     let outline = parse_outline(&lesson.corners)?;
-    let image = ImageReader::with_format(Cursor::new(jpeg), ImageFormat::Jpeg).decode();
-    let (frame, _) = flatten_onto_white(image.context("the picture is no JPEG, or damaged")?);
+    let frame = decode_jpeg(&upload.bytes, MOST_PIXELS)?;
+    drop(upload);
     let learned = learn(&frame, &outline, &lesson.name, &web.school.plan)?;
     let (keygraphs, found) = (learned.trained.keygraphs.kept, learned.found);
     tracing::info!("{} learned: {keygraphs} keygraphs", learned.name);

@@ -65,7 +65,8 @@ impl Live {
             let url = line.split("http://").nth(1).unwrap().trim();
             let (place, token) = url.split_once('/').unwrap();
             live.place = place.to_string();
-            live.token = token.strip_prefix("#token=").map(str::to_string);
+            // A token that was given is not told.
+            live.token = token.strip_prefix("#token=").filter(|t| *t != "TOKEN").map(str::to_string);
         }
         live
     }
@@ -88,6 +89,30 @@ impl Live {
     pub fn signal(&self, name: &str) {
         let status = Command::new("kill").args([&format!("-{name}"), &self.child.id().to_string()]).status().unwrap();
         assert!(status.success());
+    }
+
+    /// The id of the process.
+    pub fn id(&self) -> u32 {
+        self.child.id()
+    }
+
+    /// A size of the process from `/proc/PID/status`, such as `VmHWM`, kB.
+    pub fn memory_kb(&self, name: &str) -> u64 {
+        let text = std::fs::read_to_string(format!("/proc/{}/status", self.id())).unwrap();
+        let line = text.lines().find(|l| l.starts_with(name)).unwrap();
+        line.split_whitespace().nth(1).unwrap().parse().unwrap()
+    }
+
+    /// Waits until the process has ended, without reading its standard output.
+    pub fn ended(&mut self) -> ExitStatus {
+        let end = Instant::now() + LIMIT;
+        loop {
+            if let Some(status) = self.child.try_wait().unwrap() {
+                return status;
+            }
+            assert!(Instant::now() < end, "it does not end");
+            thread::sleep(Duration::from_millis(10));
+        }
     }
 
     /// Waits until the process has ended. Returns its status, its standard output and the time
