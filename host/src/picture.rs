@@ -159,6 +159,14 @@ fn open_upright(path: &Path) -> Result<DynamicImage> {
     decode_upright(&bytes).with_context(|| name.to_string())
 }
 
+/// Decodes the bytes of a PNG or JPEG file. The flag is true when any pixel was not fully opaque.
+///
+/// # Errors
+/// When the bytes are not a PNG or JPEG picture, damaged or cut off.
+pub fn decode(bytes: &[u8]) -> Result<(Picture, bool)> {
+    decode_upright(bytes).map(flatten_onto_white)
+}
+
 fn decode_upright(bytes: &[u8]) -> Result<DynamicImage> {
     let reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().context("cannot be read")?;
     match reader.format() {
@@ -258,10 +266,6 @@ pub(crate) mod tests {
         let mut file = Vec::new();
         JpegEncoder::new(&mut file).encode(&samples, side, side, ExtendedColorType::Rgb8).expect("encodes");
         file
-    }
-
-    fn decode(bytes: &[u8]) -> Result<(Picture, bool)> {
-        decode_upright(bytes).map(flatten_onto_white)
     }
 
     #[test]
