@@ -51,3 +51,26 @@ has_target() {
 need_target() {
   has_target "$1" || fail "The Rust target $1 is missing; install it with: rustup target add $1"
 }
+
+# Prints the path of a tool of cargo (deny, fuzz) in the version of scripts/tools.txt. If it is not
+# on the path, pip installs it below cargo's folder. Fails, and says why, where that is impossible.
+#   cargo_tool NAME
+cargo_tool() {
+  local version python
+  version=$(sed -n "s/^astral-dev-toolchain-cargo-$1==\([^ ]*\).*/\1/p" scripts/tools.txt)
+  python=${CARGO_TARGET_DIR:-$PWD/target}/python
+  for program in "cargo-$1" "$python/bin/cargo-$1"; do
+    "$program" --version 2>/dev/null | grep -qx "cargo-$1 $version" && echo "$program" && return
+  done
+  # With digests, pip wants them for every line: a file with all tools gives all of them.
+  { [ -x "$python/bin/pip" ] || python3 -m venv "$python"; } >&2 &&
+    "$python/bin/pip" install --quiet --disable-pip-version-check --no-deps --only-binary :all: \
+      --require-hashes --requirement scripts/tools.txt >&2 &&
+    echo "$python/bin/cargo-$1"
+}
+
+# The command that builds a tool of cargo in the version of scripts/tools.txt.
+#   cargo_tool_by_hand NAME
+cargo_tool_by_hand() {
+  sed -n "s/^astral-dev-toolchain-cargo-$1==\([^ ]*\).*/cargo install cargo-$1 --locked --version \1/p" scripts/tools.txt
+}

@@ -8,11 +8,11 @@
 //!
 //! A panic or a fault reports its place on the log and ends the emulator with status 101.
 
+use core::arch::asm;
 use core::mem::MaybeUninit;
 use core::ptr::{addr_of, addr_of_mut, read_volatile, write_volatile};
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
-use cortex_m as _;
 use cortex_m_rt::{ExceptionFrame, exception};
 use defmt_semihosting as _;
 use semihosting::fs::File;
@@ -240,6 +240,42 @@ impl core::fmt::Write for Port {
     }
 }
 
+/// Switches interrupts off.
+#[inline]
+fn disable_interrupts() {
+    // SAFETY: this only sets PRIMASK. Without `nomem`, no access to memory is moved across it.
+    unsafe { asm!("cpsid i", options(nostack, preserves_flags)) };
+}
+
+/// Critical sections of a processor with one core, for the log: interrupts are off meanwhile.
+struct OneCore;
+critical_section::set_impl!(OneCore);
+
+// SAFETY: only interrupts can run code between acquire and release, and they are off. Release
+// restores the state that acquire returned, so sections can be nested.
+unsafe impl critical_section::Impl for OneCore {
+    unsafe fn acquire() -> u32 {
+        let primask: u32;
+        // SAFETY: this reads PRIMASK, without an effect.
+        unsafe { asm!("mrs {}, PRIMASK", out(reg) primask, options(nomem, nostack, preserves_flags)) };
+        disable_interrupts();
+        primask
+    }
+
+    unsafe fn release(primask: u32) {
+        // SAFETY: this is the state before the critical section. Without `nomem`, no access to
+        // memory is moved across it.
+        unsafe { asm!("msr PRIMASK, {}", in(reg) primask, options(nostack, preserves_flags)) };
+    }
+}
+
+/// Executes an instruction that no processor has.
+#[inline(always)]
+pub fn undefined_instruction() -> ! {
+    // SAFETY: the processor faults here and does not go on.
+    unsafe { asm!("udf #0", options(noreturn, nomem, nostack)) }
+}
+
 /// Ends the emulator with status 0.
 pub fn finish() -> ! {
     semihosting::process::exit(0)
@@ -253,7 +289,7 @@ pub fn fail(what: &str, error: impl defmt::Format) -> ! {
 
 #[panic_handler]
 fn panic(info: &core::panic::PanicInfo<'_>) -> ! {
-    cortex_m::interrupt::disable();
+    disable_interrupts();
     // Formatting the message here would take three kilobytes of flash.
     let said = info.message().as_str().unwrap_or("");
     if let Some(place) = info.location() {

@@ -3,11 +3,13 @@
 //! In: a folder. Out: `FOLDER/TARGET/NAME`, a few files for each target. Cost: less than a second.
 //! `scripts/fuzz` runs this program.
 
+use std::io::Cursor;
 use std::path::Path;
 use std::{env, fs, io};
 
-use keygraph_core::{Frame, Model, PixelFormat, pack, packed_len};
-use keygraph_fuzz::{KINDS, PICTURE, detector, models, picture};
+use image::{DynamicImage, ImageFormat, RgbImage};
+use keygraph_core::{Frame, Model, PixelFormat};
+use keygraph_fuzz::{KINDS, PICTURE, detector, models, packs, picture};
 
 fn main() -> io::Result<()> {
     let folder = env::args().nth(1).unwrap_or_else(|| "seeds".into());
@@ -19,7 +21,9 @@ fn main() -> io::Result<()> {
     for (i, bytes) in models().iter().enumerate() {
         write("model", format!("{i}.kgm"), bytes)?;
     }
-    write("model", "two.kgm".into(), &packed(&models()[0]))?;
+    for (name, bytes) in ["lists.kgm", "second-tiers.kgm"].into_iter().zip(packs()) {
+        write("model", name.into(), &bytes)?;
+    }
     let (w, h) = PICTURE;
     let sides = [w, h].map(|v| u8::try_from(v - 16).unwrap_or(0));
     for (f, format) in (0u8..).zip(PixelFormat::ALL) {
@@ -43,15 +47,50 @@ fn main() -> io::Result<()> {
     for k in (0u8..).zip(KINDS).map(|(k, _)| k) {
         write("finder", format!("corners-{k}"), &[&[k, 40, 1][..], &points].concat())?;
     }
+    // Object in view; then it moves, is hidden in part, and comes back.
+    let frames: Vec<u8> =
+        (0..12u8).flat_map(|i| [90, 1, 10 + 2 * i, 20, [127, 30][usize::from(i == 7)], 0, 0]).collect();
+    for k in (0u8..).zip(KINDS).map(|(k, _)| k) {
+        write("sequence", format!("moves-{k}"), &[&[k << 4 | k, 128][..], &frames].concat())?;
+    }
+    for (name, head, bytes) in
+        [("mono", "Cmono", 8 * 6), ("420", "C420jpeg", 72), ("422", "C422 F30:1 Ip", 96), ("444", "C444", 144)]
+    {
+        let frame = [&b"FRAME\n"[..], &picture()[..bytes]].concat();
+        let head = format!("YUV4MPEG2 W8 H6 {head}\n");
+        write("stream", name.into(), &[head.as_bytes(), &frame, &frame].concat())?;
+    }
+    for (name, bytes) in files() {
+        write("file", name.into(), &bytes)?;
+    }
+    let lines = "localhost:8080\nhttp://localhost:8080\nBearer 5ecret\n5ecret\n10,10, 90,12,95.5,80,8,70";
+    for kind in 0..4 {
+        write("request", format!("learn-{kind}"), &[&[kind, 99, 99][..], lines.as_bytes()].concat())?;
+    }
+    write("request", "token".into(), b"\0\x40\x40[::1]:80\nnull\n\n5ecret\n0,0,64,0,64,64,0,64")?;
     Ok(())
 }
 
-/// Returns a model that holds the same object twice.
-fn packed(bytes: &[u8]) -> Vec<u8> {
-    let model = Model::parse(bytes).expect("it was trained");
-    let mut out = vec![0; packed_len(&[model, model]).expect("they are alike")];
-    pack(&[model, model], &mut out).expect("it has this length");
-    out
+/// Returns PNG and JPEG files of a part of the picture: gray, colour, with alpha, and 16 bits.
+fn files() -> Vec<(&'static str, Vec<u8>)> {
+    let rgb: Vec<u8> = picture().chunks(3 * PICTURE.0).take(16).flat_map(|row| &row[..3 * 16]).copied().collect();
+    let image = DynamicImage::ImageRgb8(RgbImage::from_raw(16, 16, rgb).expect("it has this size"));
+    let png = ImageFormat::Png;
+    [
+        ("rgb.jpg", image.clone(), ImageFormat::Jpeg),
+        ("gray.jpg", image.to_luma8().into(), ImageFormat::Jpeg),
+        ("rgb.png", image.clone(), png),
+        ("gray.png", image.to_luma8().into(), png),
+        ("alpha.png", image.to_rgba8().into(), png),
+        ("16.png", image.to_luma_alpha16().into(), png),
+    ]
+    .into_iter()
+    .map(|(name, image, format)| {
+        let mut file = Cursor::new(Vec::new());
+        image.write_to(&mut file, format).expect("it can be encoded");
+        (name, file.into_inner())
+    })
+    .collect()
 }
 
 /// Returns the corners of the picture, 4 bytes each.

@@ -1,19 +1,4 @@
-//! Fuzz target: any pixels in any format as a frame. The search must not panic.
-//!
-//! In: the model to use, format, width, height, pixels. Out: nothing. Cost: one qqvga frame.
+//! Fuzz target for libFuzzer: any pixels as a frame.
 #![no_main]
 
-use keygraph_core::{Frame, Model};
-use keygraph_fuzz::{Input, check, detector, frame_bytes, models};
-use libfuzzer_sys::fuzz_target;
-
-fuzz_target!(|data: &[u8]| {
-    let mut input = Input(data);
-    let models = models();
-    let model = Model::parse(&models[usize::from(input.byte()) % models.len()]).expect("it was trained");
-    let (format, w, h, pixels) = frame_bytes(&mut input, (160, 120));
-    let frame = Frame::new(format, w, h, &pixels).expect("it has this size");
-    let mut detector = detector();
-    detector.detect(&frame, &model, 0.0, &mut || 0).expect("it fits the profile");
-    check(&detector, &model);
-});
+libfuzzer_sys::fuzz_target!(|data: &[u8]| keygraph_fuzz::targets::frame(data));

@@ -4,12 +4,14 @@
 //! result of a detector must pass. Cost: models are trained once per process; a qqvga frame with
 //! debug assertions takes some milliseconds.
 
+pub mod targets;
+
 use std::sync::{LazyLock, Mutex, MutexGuard, PoisonError};
 
 use keygraph_core::stages::model::crc32;
 use keygraph_core::{
     Detection, FeatureKind, Frame, Intrinsics, MAGIC, Method, Model, PixelFormat, QqvgaDetector, QqvgaTrainer,
-    TrainParams, VERSION, ViewSpec, plane_pose,
+    TrainParams, VERSION, ViewSpec, pack, packed_len, plane_pose,
 };
 use zune_jpeg::JpegDecoder;
 use zune_jpeg::zune_core::bytestream::ZCursor;
@@ -53,17 +55,37 @@ pub fn picture() -> &'static [u8] {
 
 /// Returns a model of [`picture`] for each of [`KINDS`]. Each model has some ten thousand bytes.
 pub fn models() -> &'static [Vec<u8>; KINDS.len()] {
-    static MODELS: LazyLock<[Vec<u8>; KINDS.len()]> = LazyLock::new(|| KINDS.map(|(m, f)| train(m, f)));
+    static MODELS: LazyLock<[Vec<u8>; KINDS.len()]> = LazyLock::new(|| KINDS.map(|(m, f)| train(m, f, 90)));
     &MODELS
 }
 
-fn train(method: Method, feature: FeatureKind) -> Vec<u8> {
+/// Returns models of several objects with lists: without second tiers, and with second tiers.
+pub fn packs() -> [Vec<u8>; 2] {
+    let large = train(Method::Keygraph, FeatureKind::Luma, 2300);
+    let parse = |bytes| Model::parse(bytes).expect("it was trained");
+    let (small, large) = (parse(&models()[1]), parse(&large));
+    assert!(large.has_second_tiers(), "{} keygraphs", large.keygraphs());
+    [packed(&[small, small, small]), packed(&[large, small])]
+}
+
+fn packed(models: &[Model<'_>]) -> Vec<u8> {
+    let mut out = vec![0; packed_len(models).expect("they are alike")];
+    pack(models, &mut out).expect("it has this length");
+    let model = Model::parse(&out).expect("packing gives a model");
+    assert!(model.has_lists() && model.objects() == models.len());
+    let mut mended = out.clone();
+    mend(&mut mended);
+    assert_eq!(mended, out, "mending leaves a whole pack as it is");
+    out
+}
+
+fn train(method: Method, feature: FeatureKind, keygraphs: usize) -> Vec<u8> {
     let (w, h) = PICTURE;
     let frame = Frame::new(PixelFormat::Rgb8, w, h, picture()).expect("it has this size");
     let view = |side_px, squeeze| ViewSpec { side_px, squeeze, direction_deg: 0.0, keypoints: 40 };
     let views = [view(128.0, 1.0), view(96.0, 0.8)];
-    let params = TrainParams::new("astronaut", method, feature, &views).capped(90, 50);
-    let mut model = vec![0; 1 << 16];
+    let params = TrainParams::new("astronaut", method, feature, &views).capped(keygraphs, 50.max(keygraphs / 10));
+    let mut model = vec![0; 1 << 18];
     let trained = trainer().train(&frame, (128, 64), &params, &mut model).expect("the picture has texture");
     model.truncate(trained.bytes);
     let mut mended = model.clone();
@@ -72,8 +94,9 @@ fn train(method: Method, feature: FeatureKind) -> Vec<u8> {
     model
 }
 
-/// Corrects magic, version, lengths and checksum, and gives the templates the bytes that the other
-/// sections leave. The fuzzer's changes then reach the later checks of the parser.
+/// Corrects magic, version, lengths, the number of listed keygraphs and checksum, and gives the
+/// templates the bytes that the other sections leave. The fuzzer's changes then reach the later
+/// checks of the parser. Second tiers and lists stay.
 pub fn mend(model: &mut [u8]) {
     if model.len() < 44 {
         return;
@@ -83,16 +106,23 @@ pub fn mend(model: &mut [u8]) {
     model[6..8].copy_from_slice(&44u16.to_le_bytes());
     let length = model.len() as u32;
     model[8..12].copy_from_slice(&length.to_le_bytes());
-    // The model gets no second tiers and no lists.
-    model[18..20].fill(0);
-    model[40..44].fill(0);
-    let count = |i: usize| u64::from(u32::from_le_bytes([0, 1, 2, 3].map(|k| model[20 + 4 * i + k])));
+    model[18] &= 6;
+    model[19] = 0;
+    let (second, lists) = (u64::from(model[18] >> 1 & 1), u64::from(model[18] >> 2));
+    let number =
+        |at: usize| model.get(at..at + 4).map_or(0, |b| u64::from(u32::from_le_bytes([b[0], b[1], b[2], b[3]])));
+    let [objects, views, keypoints, keygraphs] = [20, 24, 28, 32].map(number);
     let feature = match (model[16], model[17]) {
         (0, 1) | (1, 2) => 12,
         (0, 2) | (1, 1) => 24,
         _ => 36,
     };
-    let before = 44 + 56 * count(0) + 44 * count(1) + 4 * count(2) + 3460 + (5 + 5 + feature) * count(3);
+    let index = 44 + 56 * objects + 44 * views + 4 * keypoints;
+    // The entry after the two lists.
+    let listed = lists * number(usize::try_from(index + 2 * 3456).unwrap_or(usize::MAX - 4));
+    model[40..44].copy_from_slice(&(listed as u32).to_le_bytes());
+    let tiers = objects * (1 + second) + 2 * lists;
+    let before = index + 3456 * tiers + 4 + (5 + 5 + feature) * keygraphs + 8 * listed;
     if let Some(templates) = (model.len() as u64).checked_sub(before) {
         model[36..40].copy_from_slice(&(templates as u32).to_le_bytes());
     }

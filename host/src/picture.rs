@@ -201,6 +201,14 @@ fn check_size(decoder: &impl ImageDecoder, most: u64) -> Result<()> {
     Ok(())
 }
 
+/// Decodes the bytes of a PNG or JPEG file. The flag is true when any pixel was not fully opaque.
+///
+/// # Errors
+/// When the bytes are not a PNG or JPEG picture, too large, damaged or cut off.
+pub fn decode(bytes: &[u8]) -> Result<(Picture, bool)> {
+    decode_upright(bytes, MOST_PIXELS).map(flatten_onto_white)
+}
+
 fn decode_upright(bytes: &[u8], most: u64) -> Result<DynamicImage> {
     let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().context("cannot be read")?;
     match reader.format() {
@@ -302,10 +310,6 @@ pub(crate) mod tests {
         let mut file = Vec::new();
         JpegEncoder::new(&mut file).encode(&samples, side, side, ExtendedColorType::Rgb8).expect("encodes");
         file
-    }
-
-    fn decode(bytes: &[u8]) -> Result<(Picture, bool)> {
-        decode_upright(bytes, MOST_PIXELS).map(flatten_onto_white)
     }
 
     #[test]

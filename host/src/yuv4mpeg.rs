@@ -45,18 +45,21 @@ enum Chroma {
 
 /// Reads frames off a stream.
 #[derive(Debug)]
-pub(crate) struct Yuv4MpegReader<R> {
+pub struct Yuv4MpegReader<R> {
     reader: BufReader<R>,
     width: u32,
     height: u32,
     /// Frames per second as numerator and denominator; 25/1 if unknown.
-    pub(crate) fps: (u32, u32),
+    pub fps: (u32, u32),
     chroma: Chroma,
 }
 
 impl<R: Read> Yuv4MpegReader<R> {
     /// Reads the header.
-    pub(crate) fn new(stream: R) -> Result<Self> {
+    ///
+    /// # Errors
+    /// When it is no header of a stream, or of one that cannot be read here.
+    pub fn new(stream: R) -> Result<Self> {
         let mut reader = BufReader::new(stream);
         let Some(header) = read_header_line(&mut reader, YUV4MPEG2_MAGIC)? else {
             bail!("is empty; expected a YUV4MPEG2 stream");
@@ -89,7 +92,10 @@ impl<R: Read> Yuv4MpegReader<R> {
 
     /// The next frame; `None` at the end of the stream. Do not call this again after an
     /// error: the place in the stream is lost.
-    pub(crate) fn next_frame(&mut self) -> Result<Option<Picture>> {
+    ///
+    /// # Errors
+    /// When the stream is damaged or ends inside the frame.
+    pub fn next_frame(&mut self) -> Result<Option<Picture>> {
         if read_header_line(&mut self.reader, b"FRAME")?.is_none() {
             return Ok(None);
         }

@@ -5,10 +5,10 @@
 #![no_std]
 #![no_main]
 
-use keygraph_firmware_sim as _;
+use keygraph_firmware_sim::board::undefined_instruction;
 
 #[cortex_m_rt::entry]
 fn main() -> ! {
     // No processor has this instruction.
-    cortex_m::asm::udf()
+    undefined_instruction()
 }
