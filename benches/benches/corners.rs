@@ -15,6 +15,7 @@ use imageproc::corners::{Corner as FastCorner, corners_fast9};
 use imageproc::suppress::local_maxima;
 use keygraph_core::stages::corners::{Corner, SCRATCH_ROWS, detect_corners};
 use keygraph_core::stages::method::Parameters;
+use keygraph_core::stages::pace::Steady;
 use keygraph_core::stages::plane::Plane;
 use keygraph_core::stages::rank::rank_by_radius;
 use keygraph_core::{Method, StageStats};
@@ -25,8 +26,8 @@ const HEIGHT: usize = 480;
 const FAST_THRESHOLD: u8 = 20;
 
 fn ours(luma: Plane<'_, u8>, rules: &Parameters, scratch: &mut [f32], out: &mut Vec<Corner, 2000>) {
-    let mut stats: StageStats = detect_corners(luma, &rules.corners, scratch, out);
-    rank_by_radius(out, rules.corner_limits[0], scratch, &mut stats);
+    let mut stats: StageStats = detect_corners(luma, &rules.corners, scratch, out, &mut Steady);
+    rank_by_radius(out, rules.corner_limits[0], scratch, &mut stats, &mut Steady);
 }
 
 fn fast(image: &image::GrayImage) -> std::vec::Vec<FastCorner> {
@@ -48,7 +49,7 @@ fn bench(c: &mut Criterion) {
     theirs.sort_by(|a, b| b.score.total_cmp(&a.score));
     assert!(theirs.len() >= 100, "{} corners", theirs.len());
     let mut all = Vec::<Corner, 2000>::new();
-    detect_corners(luma, &rules.corners, &mut scratch, &mut all);
+    detect_corners(luma, &rules.corners, &mut scratch, &mut all, &mut Steady);
     let near = |f: &&FastCorner| {
         all.iter().any(|c| {
             let [x, y] = c.point.px();

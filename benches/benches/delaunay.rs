@@ -18,6 +18,7 @@ use criterion::{BatchSize, BenchmarkId, Criterion, criterion_group, criterion_ma
 use heapless::Vec as FixedVec;
 use keygraph_core::stages::delaunay::{Triangulation, Triple, triangulate};
 use keygraph_core::stages::geometry::Point;
+use keygraph_core::stages::pace::Steady;
 use spade::{DelaunayTriangulation, Point2, Triangulation as _};
 
 /// Number of points that the triangulation has room for, as in the vga profile.
@@ -86,7 +87,7 @@ fn check(points: &[Point], floats: &[Point2<f64>], mesh: &mut Triangulation<CAPA
     let n = points.len();
     let mut ours = |levels: &[usize]| {
         let mut out: FixedVec<Triple, 4096> = FixedVec::new();
-        let stats = triangulate(points, levels, mesh.workspace(), &mut out);
+        let stats = triangulate(points, levels, mesh.workspace(), &mut out, &mut Steady);
         let triangles: BTreeSet<Triple> = out.iter().map(|&t| sorted(t)).collect();
         assert_eq!((stats.kept as usize, stats.dropped), (triangles.len(), 0), "each triangle once, none lost");
         triangles
@@ -118,13 +119,13 @@ fn bench(c: &mut Criterion) {
         group.bench_function(BenchmarkId::new("ours, one level", n), |b| {
             b.iter(|| {
                 out.clear();
-                triangulate(next.next().unwrap(), &[n], mesh.workspace(), &mut out)
+                triangulate(next.next().unwrap(), &[n], mesh.workspace(), &mut out, &mut Steady)
             });
         });
         group.bench_function(BenchmarkId::new("ours, nested levels", n), |b| {
             b.iter(|| {
                 out.clear();
-                triangulate(next.next().unwrap(), &LEVELS, mesh.workspace(), &mut out)
+                triangulate(next.next().unwrap(), &LEVELS, mesh.workspace(), &mut out, &mut Steady)
             });
         });
         let mut next = floats.iter().cycle();

@@ -141,6 +141,8 @@ pub mod stages {
         pub use crate::base::geometry::{Point, area, contains, in_circle, is_convex, orient};
     }
 
+    pub use crate::base::pace;
+
     /// Limits of a frame's size, the minimum brightness for chroma, and the value of missing
     /// chroma.
     pub mod frame {

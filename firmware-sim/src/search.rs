@@ -14,6 +14,11 @@ use crate::wire::{FrameHeader, Job, Report};
 /// An observer that reads the board's clock, and makes digests if the job asks for them.
 struct Watch {
     digests: Option<Digests>,
+    start: u64,
+    budget: u32,
+    /// Time of the last question whether the search goes on, and the longest time between two.
+    asked: u64,
+    longest: u64,
 }
 
 impl Observer for Watch {
@@ -21,9 +26,18 @@ impl Observer for Watch {
         ticks()
     }
 
+    fn goes_on(&mut self) -> bool {
+        let now = ticks();
+        self.longest = self.longest.max(now - self.asked);
+        self.asked = now;
+        self.budget == 0 || now - self.start < u64::from(self.budget)
+    }
+
     fn saw(&mut self, output: Output<'_>) {
         if let Some(digests) = &mut self.digests {
             digests.add(output);
+            // Digests are not part of a search.
+            self.asked = ticks();
         }
     }
 }
@@ -44,7 +58,8 @@ pub fn search_all(detector: &mut Detector, model: &Model<'_>, job: &Job, link: &
 #[inline(never)]
 fn search(d: &mut Detector, model: &Model<'_>, job: &Job, link: &mut Link, header: &FrameHeader, data: &[u8]) {
     let [width, height] = header.size.map(|v| v as usize);
-    let mut watch = Watch { digests: job.digests.then(Digests::new) };
+    let (digests, start) = (job.digests.then(Digests::new), ticks());
+    let mut watch = Watch { digests, start, budget: job.budget, asked: start, longest: 0 };
     let frame = Frame::new(header.format, width, height, data).unwrap_or_else(|e| fail("the frame", e));
     if let Err(e) = d.detect(&frame, model, job.threshold, &mut watch) {
         fail("the frame", e);
@@ -56,6 +71,8 @@ fn search(d: &mut Detector, model: &Model<'_>, job: &Job, link: &mut Link, heade
         stages: stats.stages,
         digests: watch.digests.map_or([0; Stage::COUNT], |d| Stage::ALL.map(|s| d.of(s))),
         stack_bytes: stack_bytes(),
+        longest: watch.longest as u32,
+        stopped: u32::from(stats.stopped),
     };
     report.encode(d.detections(), &mut |word| link.put(word));
 }

@@ -20,6 +20,12 @@ const INSTRUCTIONS_PER_TICK: (u64, u64) = (40, 16);
 /// Option of the emulator for this rate: an instruction takes 2^4 ns.
 pub const ICOUNT: &str = "shift=4";
 
+/// Converts instructions to clock ticks.
+#[must_use]
+pub const fn ticks_of(instructions: u64) -> u32 {
+    (instructions * INSTRUCTIONS_PER_TICK.1 / INSTRUCTIONS_PER_TICK.0) as u32
+}
+
 /// Converts clock ticks to instructions.
 #[must_use]
 pub const fn instructions(ticks: u32) -> u64 {
@@ -36,22 +42,24 @@ pub struct Job {
     /// Width and height of the part in the middle of the first frame that is learnt, px. Zero if
     /// nothing is learnt.
     pub learn: [u32; 2],
+    /// Clock ticks after which a search is stopped. Zero if it has all the time.
+    pub budget: u32,
 }
 
 impl Job {
     /// Number of words of a job.
-    pub const WORDS: usize = 4;
+    pub const WORDS: usize = 5;
 
     /// Encodes the job as words.
     #[must_use]
     pub const fn encode(&self) -> [u32; Self::WORDS] {
-        [self.threshold.to_bits(), self.digests as u32, self.learn[0], self.learn[1]]
+        [self.threshold.to_bits(), self.digests as u32, self.learn[0], self.learn[1], self.budget]
     }
 
     /// Decodes a job from words.
     #[must_use]
-    pub const fn decode([threshold, digests, width, height]: [u32; Self::WORDS]) -> Self {
-        Self { threshold: f32::from_bits(threshold), digests: digests != 0, learn: [width, height] }
+    pub const fn decode([threshold, digests, width, height, budget]: [u32; Self::WORDS]) -> Self {
+        Self { threshold: f32::from_bits(threshold), digests: digests != 0, learn: [width, height], budget }
     }
 }
 
@@ -98,6 +106,10 @@ pub struct Report {
     pub digests: [u32; Stage::COUNT],
     /// Maximum stack use so far, bytes.
     pub stack_bytes: u32,
+    /// Most ticks between two questions whether the search goes on.
+    pub longest: u32,
+    /// Whether the search was stopped, as a number.
+    pub stopped: u32,
 }
 
 impl Report {
@@ -112,7 +124,7 @@ impl Report {
         self.ticks.iter().for_each(|&t| put(t));
         self.stages.iter().flat_map(|s| [s.seen, s.kept, s.dropped]).for_each(&mut *put);
         self.digests.iter().for_each(|&d| put(d));
-        put(self.stack_bytes);
+        [self.stack_bytes, self.longest, self.stopped].into_iter().for_each(&mut *put);
         put(detections.len() as u32);
         for d in detections {
             let a = &d.appearance;
@@ -136,7 +148,7 @@ impl Report {
         for d in &mut report.digests {
             *d = next()?;
         }
-        report.stack_bytes = next()?;
+        [report.stack_bytes, report.longest, report.stopped] = [next()?, next()?, next()?];
         let mut detections = Vec::new();
         for _ in 0..next()? {
             let object = next()? as u16;

@@ -31,6 +31,7 @@ use keygraph_core::stages::corners::Corner;
 use keygraph_core::stages::delaunay::Triple;
 use keygraph_core::stages::finder::Finder;
 use keygraph_core::stages::geometry::Point;
+use keygraph_core::stages::pace::Pace;
 use keygraph_core::stages::plane::Plane;
 use keygraph_core::stages::rank::rank_by_radius;
 use keygraph_core::{DEFAULT_THRESHOLD, Frame, Model, Stage, StageStats, VgaDetector, heapless::VecView};
@@ -58,7 +59,13 @@ struct FastNeighbours;
 impl Finder for FastNeighbours {
     /// Gives the keypoints of one level of the pyramid; called once for each level, full size
     /// first. Positions are in 1/16 px of that level, and never negative.
-    fn keypoints(&mut self, luma: Plane<'_, u8>, level: usize, out: &mut VecView<Corner>) -> StageStats {
+    fn keypoints(
+        &mut self,
+        luma: Plane<'_, u8>,
+        level: usize,
+        out: &mut VecView<Corner>,
+        pace: &mut dyn Pace,
+    ) -> StageStats {
         let limit = LIMITS[level];
         if limit == 0 {
             return StageStats::default();
@@ -84,13 +91,14 @@ impl Finder for FastNeighbours {
             limit,
             &mut vec![0.0; 3 * out.len() + luma.width().div_ceil(16) * luma.height().div_ceil(16)],
             &mut stats,
+            pace,
         );
         stats
     }
 
     /// Gives triples of the keypoints of one level; called after each call of `keypoints`.
     /// The triples index `points`, in any order of their vertices.
-    fn triples(&mut self, points: &[Point], out: &mut VecView<Triple>) -> StageStats {
+    fn triples(&mut self, points: &[Point], out: &mut VecView<Triple>, _: &mut dyn Pace) -> StageStats {
         let mut stats = StageStats::default();
         // Two neighbours give the same triangle: it is kept once.
         let mut known = BTreeSet::new();

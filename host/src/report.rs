@@ -81,6 +81,9 @@ pub fn frame_line(
         "source": source, "frame": frame, "width": size.0, "height": size.1,
         "detections": detections, "stages": stages, "time_ms": times,
     });
+    if found.stats.stopped {
+        line["complete"] = json!(false);
+    }
     if let Some(digests) = &found.digests {
         let digest = |s: &Stage| (s.name().to_string(), Value::from(format!("{:08x}", digests.of(*s))));
         line["digests"] = Stage::ALL.iter().map(digest).collect();

@@ -7,7 +7,7 @@
 
 use std::borrow::Cow;
 use std::sync::{Mutex, MutexGuard};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
 use keygraph_core::stages::digest::Digests;
@@ -208,6 +208,8 @@ pub struct Request {
     pub profile: Profile,
     /// Minimum score of a detection, 0 to 1.
     pub threshold: f32,
+    /// Time after which a search is stopped: it then reports what it has found.
+    pub budget: Option<Duration>,
     /// Minimum share of an object that must be seen, 0 to 1.
     pub min_visible: f32,
     /// Whether to report all names at a place, and not the best alone.
@@ -240,6 +242,15 @@ pub fn parse_threshold(text: &str) -> Result<f32, String> {
     text.parse().ok().filter(|v| (0.0..=1.0).contains(v)).ok_or_else(|| "a score lies between 0 and 1".into())
 }
 
+/// Parses the time of a search, ms.
+///
+/// # Errors
+/// When `text` is no number above 0.
+pub fn parse_budget(text: &str) -> Result<Duration, String> {
+    let ms = text.parse().ok().filter(|ms: &f64| *ms > 0.0 && *ms <= 1e6);
+    ms.map(|ms| Duration::from_secs_f64(ms / 1e3)).ok_or_else(|| "a budget is a number of ms above 0".into())
+}
+
 impl Request {
     /// A request for detections alone, on pixels as they were decoded.
     #[must_use]
@@ -247,6 +258,7 @@ impl Request {
         Self {
             profile,
             threshold,
+            budget: None,
             min_visible: 0.0,
             all_names: false,
             details: false,
@@ -257,15 +269,20 @@ impl Request {
     }
 }
 
-/// The observer of a detector: times the stages, and makes digests on request.
+/// The observer of a detector: times the stages, makes digests on request, and keeps a budget.
 struct Watch {
     start: Instant,
+    budget: Option<Duration>,
     digests: Option<Digests>,
 }
 
 impl Observer for Watch {
     fn now(&mut self) -> u64 {
         u64::try_from(self.start.elapsed().as_nanos()).unwrap_or(u64::MAX)
+    }
+
+    fn goes_on(&mut self) -> bool {
+        self.budget.is_none_or(|most| self.start.elapsed() < most)
     }
 
     fn saw(&mut self, output: Output<'_>) {
@@ -294,7 +311,8 @@ fn search_frame(
     model: &Model<'_>,
     request: &Request,
 ) -> Result<Found, FrameError> {
-    let mut watch = Watch { start: Instant::now(), digests: request.digests.then(Digests::new) };
+    let mut watch =
+        Watch { start: Instant::now(), budget: request.budget, digests: request.digests.then(Digests::new) };
     detector.set_thorough(request.thorough);
     detector.set_min_visible(request.min_visible);
     let mut detections = detector.detect(frame, model, request.threshold, &mut watch)?.to_vec();
@@ -323,7 +341,7 @@ fn follow_frame(
     model: &Model<'_>,
     request: &Request,
 ) -> Result<Found, FrameError> {
-    let mut watch = Watch { start: Instant::now(), digests: None };
+    let mut watch = Watch { start: Instant::now(), budget: request.budget, digests: None };
     detector.set_thorough(request.thorough);
     detector.set_min_visible(request.min_visible);
     let tracks = tracker.track(detector, frame, model, request.threshold, &mut watch)?;

@@ -6,6 +6,7 @@ use std::fmt::Write;
 
 use heapless::Vec as FixedVec;
 use keygraph_core::stages::corners::{Corner, CornerParams, SCRATCH_ROWS, detect_corners};
+use keygraph_core::stages::pace::Steady;
 use keygraph_core::stages::plane::Plane;
 use keygraph_core::stages::rank::rank_by_strength;
 use keygraph_tests::file;
@@ -51,9 +52,9 @@ fn our_corners(name: &str, min_distance_px: u16, limit: usize) -> Vec<Corner> {
     let params = CornerParams { quality_q16: 655, floor: 1, margin_px: 1 };
     let mut found: Box<FixedVec<Corner, 8192>> = Box::default();
     let mut scratch = vec![0.0; SCRATCH_ROWS * w];
-    let stats = detect_corners(plane, &params, &mut scratch, &mut *found);
+    let stats = detect_corners(plane, &params, &mut scratch, &mut *found, &mut Steady);
     assert_eq!(stats.dropped, 0, "{name}: the buffer is too small for this test");
-    rank_by_strength(&mut *found, min_distance_px, limit, &mut keygraph_core::StageStats::default());
+    rank_by_strength(&mut *found, min_distance_px, limit, &mut keygraph_core::StageStats::default(), &mut Steady);
     found.to_vec()
 }
 

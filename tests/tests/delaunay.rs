@@ -12,6 +12,7 @@ use heapless::Vec as FixedVec;
 use keygraph_core::StageStats;
 use keygraph_core::stages::delaunay::{Triangulation, Triple, triangulate};
 use keygraph_core::stages::geometry::{Point, in_circle, orient};
+use keygraph_core::stages::pace::Steady;
 use proptest::prelude::*;
 use proptest::test_runner::{RngSeed, TestCaseResult};
 use spade::{DelaunayTriangulation, Point2, Triangulation as _};
@@ -23,7 +24,7 @@ const CAPACITY: usize = 64;
 fn ours(points: &[Point], levels: &[usize]) -> (Vec<Triple>, StageStats) {
     let mut mesh: Triangulation<CAPACITY> = Triangulation::new();
     let mut out: FixedVec<Triple, 4096> = FixedVec::new();
-    let stats = triangulate(points, levels, mesh.workspace(), &mut out);
+    let stats = triangulate(points, levels, mesh.workspace(), &mut out, &mut Steady);
     (out.to_vec(), stats)
 }
 
@@ -323,7 +324,7 @@ proptest! {
         let (all, _) = ours(&points, &levels);
         let mut mesh: Triangulation<CAPACITY> = Triangulation::new();
         let mut out: FixedVec<Triple, 7> = FixedVec::new();
-        let stats = triangulate(&points, &levels, mesh.workspace(), &mut out);
+        let stats = triangulate(&points, &levels, mesh.workspace(), &mut out, &mut Steady);
         prop_assert_eq!(&out[..], &all[..all.len().min(7)]);
         let over = points.len().saturating_sub(CAPACITY);
         prop_assert_eq!(
@@ -336,9 +337,9 @@ proptest! {
     fn the_memory_can_be_used_again(first in crowded(), second in random()) {
         let mut mesh: Triangulation<CAPACITY> = Triangulation::new();
         let mut out: FixedVec<Triple, 4096> = FixedVec::new();
-        triangulate(&first, &[first.len()], mesh.workspace(), &mut out);
+        triangulate(&first, &[first.len()], mesh.workspace(), &mut out, &mut Steady);
         out.clear();
-        triangulate(&second, &[second.len()], mesh.workspace(), &mut out);
+        triangulate(&second, &[second.len()], mesh.workspace(), &mut out, &mut Steady);
         prop_assert_eq!(&out[..], &ours(&second, &[second.len()]).0[..]);
     }
 }

@@ -9,6 +9,7 @@ use keygraph_core::stages::corners::Corner;
 use keygraph_core::stages::delaunay::Triple;
 use keygraph_core::stages::finder::Finder;
 use keygraph_core::stages::geometry::Point;
+use keygraph_core::stages::pace::Pace;
 use keygraph_core::stages::plane::Plane;
 use keygraph_core::{
     DEFAULT_THRESHOLD, Detection, Detector, FeatureKind, Frame, FrameError, Method, Model, PixelFormat, Profile,
@@ -255,7 +256,7 @@ fn refused_frames_say_what_would_do() {
 struct Nonsense;
 
 impl Finder for Nonsense {
-    fn keypoints(&mut self, luma: Plane<'_, u8>, _: usize, out: &mut VecView<Corner>) -> StageStats {
+    fn keypoints(&mut self, luma: Plane<'_, u8>, _: usize, out: &mut VecView<Corner>, _: &mut dyn Pace) -> StageStats {
         let mut i = 0;
         while !out.is_full() {
             let [x, y, _] = noise(i, luma.width());
@@ -266,7 +267,7 @@ impl Finder for Nonsense {
         StageStats::default()
     }
 
-    fn triples(&mut self, points: &[Point], out: &mut VecView<Triple>) -> StageStats {
+    fn triples(&mut self, points: &[Point], out: &mut VecView<Triple>, _: &mut dyn Pace) -> StageStats {
         let n = points.len() as u16;
         let mut i = 0;
         while !out.is_full() {

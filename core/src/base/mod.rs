@@ -1,10 +1,11 @@
 //! This layer is the base of every other layer. It holds the fixed sizes, the counts of the stages,
 //! arithmetic that gives equal results on all targets, sorting in a known stack, points, and maps
-//! of the plane, and what errors say.
+//! of the plane, what errors say, and whether work goes on.
 //!
 //! Rule: nothing here knows an image, a model or a frame.
 
 pub mod says;
+pub mod pace;
 pub mod capacity;
 pub mod math;
 pub mod sort;

@@ -15,18 +15,23 @@
 use core::cmp::Ordering;
 
 use crate::base::math::VECTORS;
+use crate::base::pace::{Pace, Steady};
 
 /// The gaps up to 701 are Ciura's. Two more are for larger frames than he had; the largest is 2.25
 /// times the one below it.
 const GAPS: [usize; 10] = [3937, 1750, 701, 301, 132, 57, 23, 10, 4, 1];
 
-/// Sorts a slice by a key, in ascending order.
-pub fn sort_by_key<T: Copy, K: Ord>(values: &mut [T], key: impl Fn(&T) -> K) {
-    sort(values, |a, b| key(a) < key(b));
+/// Sorts a slice by a key, in ascending order. When it is told to stop, the order is any.
+pub fn sort_by_key<T: Copy, K: Ord>(values: &mut [T], key: impl Fn(&T) -> K, pace: &mut dyn Pace) {
+    sort_at(values, |a, b| key(a) < key(b), pace);
 }
 
 /// Sorts a slice so that no element is `less` than the one before it.
 pub fn sort<T: Copy>(values: &mut [T], less: impl Fn(&T, &T) -> bool) {
+    sort_at(values, less, &mut Steady);
+}
+
+fn sort_at<T: Copy>(values: &mut [T], less: impl Fn(&T, &T) -> bool, pace: &mut dyn Pace) {
     if VECTORS {
         values.sort_unstable_by(|a, b| match (less(a, b), less(b, a)) {
             (true, _) => Ordering::Less,
@@ -34,12 +39,15 @@ pub fn sort<T: Copy>(values: &mut [T], less: impl Fn(&T, &T) -> bool) {
             (false, false) => Ordering::Equal,
         });
     } else {
-        shell_sort(values, less);
+        shell_sort(values, less, pace);
     }
 }
 
-fn shell_sort<T: Copy>(values: &mut [T], less: impl Fn(&T, &T) -> bool) {
+fn shell_sort<T: Copy>(values: &mut [T], less: impl Fn(&T, &T) -> bool, pace: &mut dyn Pace) {
     for gap in GAPS {
+        if !pace.goes_on() {
+            return;
+        }
         for i in gap..values.len() {
             let value = values[i];
             let mut at = i;
@@ -75,8 +83,8 @@ mod tests {
         for n in (0..70).chain([132, 133, 800, 4500]) {
             for (o, order) in orders(n).into_iter().enumerate() {
                 let (mut sorted, mut by_shell, mut expected) = (order.clone(), order.clone(), order);
-                sort_by_key(&mut sorted, |&v| v);
-                shell_sort(&mut by_shell, |a, b| a < b);
+                sort_by_key(&mut sorted, |&v| v, &mut Steady);
+                shell_sort(&mut by_shell, |a, b| a < b, &mut Steady);
                 expected.sort_unstable();
                 assert_eq!(sorted, expected, "order {o} of {n}");
                 assert_eq!(by_shell, expected, "order {o} of {n}");
@@ -96,10 +104,11 @@ mod tests {
     fn the_cost_is_what_the_file_says() {
         let count = std::cell::Cell::new(0);
         let mut values = orders(1000)[3].clone();
-        shell_sort(&mut values, |a, b| {
+        let less = |a: &u32, b: &u32| {
             count.set(count.get() + 1);
             a < b
-        });
+        };
+        shell_sort(&mut values, less, &mut Steady);
         assert!((10_000..=16_000).contains(&count.get()), "{} comparisons", count.get());
     }
 }

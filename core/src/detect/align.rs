@@ -12,6 +12,7 @@
 //! pixel of the template and step.
 
 use crate::base::geometry::{Homography, area};
+use crate::base::pace::Pace;
 use crate::detect::appearance::{Blocks, is_plausible, level_of_area};
 use crate::detect::light::{BLOCKS, Light, Moments, NO_LIGHT, Shade};
 use crate::detect::overlay::{Lit, Overlay};
@@ -54,16 +55,16 @@ const SHORT_WAY: f32 = 1.0;
 /// px), goes from coarse to fine, and returns the homography that most blocks support. A hidden
 /// half can pull a right pose away: such a step is not taken.
 ///
-/// `None` when too few blocks agree for any step to improve the pose.
+/// `None` when too few blocks agree for any step to improve the pose, or when it is told to stop.
 #[must_use]
 pub fn refine(
     view: &PyramidView<'_>,
     template: &Template<'_>,
     h: &Homography,
-    width: f32,
-    height: f32,
+    [width, height]: [f32; 2],
+    pace: &mut dyn Pace,
 ) -> Option<Homography> {
-    refine_by(&REFINEMENTS, LEAST_SUPPORT, view, template, h, [width, height])
+    refine_by(&REFINEMENTS, LEAST_SUPPORT, view, template, h, [width, height], pace)
 }
 
 /// Runs [`refine`] with the refinements `steps`. `least` holds the minimum support before the first
@@ -75,6 +76,7 @@ pub(crate) fn refine_by(
     template: &Template<'_>,
     h: &Homography,
     [width, height]: [f32; 2],
+    pace: &mut dyn Pace,
 ) -> Option<Homography> {
     let side = template.width.max(template.height) as f32;
     let middle = [template.width, template.height].map(|v| (v as f32 - 1.0) / 2.0);
@@ -82,12 +84,15 @@ pub(crate) fn refine_by(
     let unit = Homography::affine([side, 0.0, middle[0], 0.0, side, middle[1]]);
     let to_picture = template.to_picture(width, height);
     // The support and the light of each block are measured on the middle level.
-    let seen = |h: &Homography, light: &mut Light| {
-        let mut shade = |place: usize, m: &Moments| light[place] = Shade::new(m);
+    let seen = |h: &Homography, light: &mut Light, pace: &mut dyn Pace| {
+        let mut shade = |place: usize, m: &Moments| {
+            pace.goes_on();
+            light[place] = Shade::new(m);
+        };
         Blocks::new(view, template, 1, h, [width, height], &mut shade).support()
     };
     let mut light = NO_LIGHT;
-    let (mut best, mut most) = (*h, seen(h, &mut light));
+    let (mut best, mut most) = (*h, seen(h, &mut light, pace));
     if most < least[0] {
         return None;
     }
@@ -106,7 +111,7 @@ pub(crate) fn refine_by(
                 true if i + 1 < times => Lit::Renewed,
                 true => Lit::Known,
             };
-            let Some((next, moved)) = coarse.improve(view, &g, &mut light, lit) else { break };
+            let Some((next, moved)) = coarse.improve(view, &g, &mut light, lit, pace) else { break };
             g = next;
             way += moved;
             if moved < still {
@@ -117,7 +122,10 @@ pub(crate) fn refine_by(
         if level == 0 && way < SHORT_WAY {
             return Some(g);
         }
-        let support = seen(&g, &mut light);
+        let support = seen(&g, &mut light, pace);
+        if !pace.goes_on() {
+            return None;
+        }
         if support > keep * most {
             (best, most, best_light) = (g, support, light);
         }
@@ -160,6 +168,7 @@ impl<'a> Coarse<'a> {
         g: &Homography,
         light: &mut Light,
         lit: Lit,
+        pace: &mut dyn Pace,
     ) -> Option<(Homography, f32)> {
         let corner = |x: f32, y: f32| g.apply([x / self.side, y / self.side]);
         let [w, h] = [self.middle[0], self.middle[1]];
@@ -176,6 +185,7 @@ impl<'a> Coarse<'a> {
         let per_unit = self.side / (2.0 * self.step as f32);
         // Far from the right pose all pixels help; at full size flat pixels are left out.
         overlay.sum_errors(self.blocks, light, lit, self.step == 1, |cell| {
+            pace.goes_on();
             let [x, y] = cell.middle;
             let place = [unit.0[0] * x + unit.0[2], unit.0[4] * y + unit.0[5]];
             normal.add(&cell.sums, cell.scale * per_unit, place);
@@ -242,6 +252,7 @@ impl Normal {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::pace::Steady;
     use crate::detect::appearance::tests::{PLACE, SIDE, setup, template};
 
     #[test]
@@ -250,7 +261,7 @@ mod tests {
             let (p, data, h) = setup(hide);
             let rough = Homography([1.46, 0.27, PLACE[0] - 2.0, -0.25, 1.36, PLACE[1] + 1.5, 2e-4, -1e-4, 1.0]);
             let side = SIDE as f32;
-            let better = refine(&p.view(), &template(&data), &rough, side, side).unwrap();
+            let better = refine(&p.view(), &template(&data), &rough, [side; 2], &mut Steady).unwrap();
             for (a, b) in better.outline(side, side).iter().zip(h.outline(side, side)) {
                 let (dx, dy) = (a[0] - b[0], a[1] - b[1]);
                 // The hidden side is a guess. In a small template the other sides are less exact

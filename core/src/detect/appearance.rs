@@ -11,6 +11,7 @@
 use crate::base::capacity::{LEVELS, id};
 use crate::base::geometry::{Homography, area, is_convex};
 use crate::base::math;
+use crate::base::pace::Pace;
 use crate::base::sort::sort;
 use crate::detect::light::{BLOCKS, Moments, agreement};
 use crate::detect::overlay::{Overlay, block_ranges, every, number};
@@ -191,13 +192,13 @@ pub fn appearance(
     view: &PyramidView<'_>,
     template: &Template<'_>,
     h: &Homography,
-    width: f32,
-    height: f32,
+    [width, height]: [f32; 2],
+    pace: &mut dyn Pace,
 ) -> Appearance {
     let map = h.after(&template.to_picture(width, height));
     let level = level_under(&map, template.width as f32, template.height as f32);
     let chroma = chroma_correlation(view, template, &map, level);
-    Appearance { chroma, ..appearance_of_luma(view, template, h, [width, height]) }
+    Appearance { chroma, ..appearance_of_luma(view, template, h, [width, height], pace) }
 }
 
 /// Computes [`appearance`] without chroma: the correlation of chroma is 0.
@@ -206,8 +207,12 @@ pub(crate) fn appearance_of_luma(
     template: &Template<'_>,
     h: &Homography,
     size: [f32; 2],
+    pace: &mut dyn Pace,
 ) -> Appearance {
-    let mut blocks = Blocks::new(view, template, 0, h, size, &mut |_, _| {});
+    let mut asked = |_: usize, _: &Moments| {
+        pace.goes_on();
+    };
+    let mut blocks = Blocks::new(view, template, 0, h, size, &mut asked);
     Appearance {
         blocks: id(blocks.n),
         inside: blocks.inside,
@@ -255,6 +260,7 @@ fn chroma_correlation(view: &PyramidView<'_>, template: &Template<'_>, h: &Homog
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
+    use crate::base::pace::Steady;
     use crate::image::frame::{Frame, PixelFormat};
     use crate::image::halve::halve_luma;
     use crate::image::pyramid::{Pyramid, plane_bytes, reduce_all};
@@ -291,7 +297,7 @@ pub(crate) mod tests {
         for (i, t) in luma[..SIDE * SIDE].iter_mut().enumerate() {
             *t = texture((i % SIDE) as f32, (i / SIDE) as f32) as u8;
         }
-        reduce_all(luma, SIDE, SIDE, halve_luma);
+        reduce_all(luma, SIDE, SIDE, halve_luma, &mut Steady);
         (p, template, h)
     }
 
@@ -303,10 +309,10 @@ pub(crate) mod tests {
     fn the_right_place_correlates_and_a_wrong_one_does_not() {
         let (p, data, h) = setup(false);
         let side = SIDE as f32;
-        let right = appearance(&p.view(), &template(&data), &h, side, side);
+        let right = appearance(&p.view(), &template(&data), &h, [side; 2], &mut Steady);
         assert!(right.median > 0.95 && right.blocks == 36, "{right:?}");
         let moved = Homography::affine([1.4, 0.3, PLACE[0] + 16.0, -0.3, 1.4, PLACE[1] + 12.0]);
-        let wrong = appearance(&p.view(), &template(&data), &moved, side, side);
+        let wrong = appearance(&p.view(), &template(&data), &moved, [side; 2], &mut Steady);
         assert!(wrong.median < 0.5, "{wrong:?}");
         assert_eq!(right.chroma, 0.0, "a gray frame has no chroma");
     }
@@ -314,7 +320,7 @@ pub(crate) mod tests {
     #[test]
     fn hiding_a_third_leaves_the_median() {
         let (p, data, h) = setup(true);
-        let a = appearance(&p.view(), &template(&data), &h, SIDE as f32, SIDE as f32);
+        let a = appearance(&p.view(), &template(&data), &h, [SIDE as f32; 2], &mut Steady);
         assert!(a.median > 0.9, "{a:?}");
     }
 

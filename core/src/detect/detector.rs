@@ -8,6 +8,7 @@
 //! Full: each stage counts what it dropped in [`Stats`].
 
 use crate::base::capacity::{Buffer, LEVELS, Room, Stage};
+use crate::base::pace::Steady;
 use crate::detect::buffers::{Buffers, Hd, Lent, Limits, Profile, Qqvga, Qvga, Vga};
 use crate::detect::detection::Detection;
 use crate::detect::evidence::Agreement;
@@ -32,6 +33,10 @@ pub const DEFAULT_THRESHOLD: f32 = 0.8;
 pub struct Detector<P: Profile + ?Sized> {
     thorough: bool,
     visible: f32,
+    /// Number of steps of the plan that the next search leaves out.
+    skipped: u16,
+    /// Number of the step at which the last search was stopped, or 0.
+    stopped_at: u16,
     buffers: P,
 }
 
@@ -57,13 +62,13 @@ impl<
     /// Creates an idle detector; all its bytes are zero.
     #[must_use]
     pub const fn new() -> Self {
-        Self { thorough: false, visible: 0.0, buffers: Buffers::new() }
+        Self { thorough: false, visible: 0.0, skipped: 0, stopped_at: 0, buffers: Buffers::new() }
     }
 }
 
 impl<P: Profile + Default> Default for Detector<P> {
     fn default() -> Self {
-        Self { thorough: false, visible: 0.0, buffers: P::default() }
+        Self { thorough: false, visible: 0.0, skipped: 0, stopped_at: 0, buffers: P::default() }
     }
 }
 
@@ -87,9 +92,17 @@ impl<P: Profile + ?Sized> Detector<P> {
         self.visible = visible;
     }
 
+    /// Makes the next searches leave out the first steps of their plan. Returns the number of the step
+    /// at which the last search was stopped, or 0 when it was complete.
+    pub(crate) const fn skip(&mut self, steps: u16) -> u16 {
+        self.skipped = steps;
+        self.stopped_at
+    }
+
     /// Searches `frame` for the objects of `model`. Returns the detections that score at least
     /// `threshold`, best first. `observer` is asked for the time between the stages, and is shown
-    /// what they make.
+    /// what they make. It may also tell the search to stop, [`Observer::goes_on`]: the detections are
+    /// then those of what has been searched, [`Stats::stopped`].
     ///
     /// # Errors
     /// [`FrameError::TooLarge`] when the frame exceeds the profile.
@@ -132,7 +145,7 @@ impl<P: Profile + ?Sized> Detector<P> {
         let plan = Plan::new(Scope::from(model), model.method().parameters(), wish);
         let lent = cleared(self.buffers.lend());
         check(frame, limits, &lent.pyramid)?;
-        detect(lent, frame, model, &plan, observer, finder)?;
+        self.stopped_at = detect(lent, frame, model, &plan, self.skipped, observer, finder)?;
         #[cfg(feature = "defmt")]
         self.log(model);
         Ok(self.detections())
@@ -152,7 +165,7 @@ impl<P: Profile + ?Sized> Detector<P> {
         let start = observer.now();
         pyramid.load_luma(frame, part);
         let loaded = observer.now();
-        pyramid.reduce_luma();
+        pyramid.reduce_luma(&mut Steady);
         let ticks = &mut tally.stats.ticks;
         ticks[Stage::Convert as usize] = passed(start, loaded);
         ticks[Stage::Pyramid as usize] = passed(loaded, observer.now());
@@ -274,15 +287,16 @@ fn detect(
     frame: &Frame<'_>,
     model: &Model<'_>,
     plan: &Plan,
+    skipped: u16,
     observer: &mut dyn Observer,
     finder: Option<&mut dyn Finder>,
-) -> Result<(), FrameError> {
+) -> Result<u16, FrameError> {
     let Lent { mut pyramid, scratch, mesh, corners, points, triples, keygraphs, features, spans, .. } = lent;
     let Lent { votes, bins, pairs, findings, tally, .. } = lent;
     let mut laps = Laps::new(observer);
-    pyramid.load(frame)?;
+    pyramid.load_at(frame, &mut laps)?;
     laps.end(tally, Output::Planes(pyramid.view()));
-    pyramid.reduce();
+    pyramid.reduce_at(&mut laps);
     let pyramid = pyramid.into_view();
     let luma = (0..LEVELS).map(|l| pyramid.luma(l).width() * pyramid.luma(l).height()).sum();
     let chroma = (0..LEVELS).flat_map(|l| pyramid.chroma(l)).map(|c| c.width() * c.height()).sum();
@@ -298,6 +312,5 @@ fn detect(
     };
     let scene = Scene { pyramid, points, spans, keygraphs, features, corners, triples, coarse: 0, has_finest: false };
     let context = Context { model, finder, tally, laps: &mut laps };
-    Search { context, scene, votes, bins, pairs, findings }.run(plan);
-    Ok(())
+    Ok(Search { context, scene, votes, bins, pairs, findings }.run(plan, skipped))
 }

@@ -12,6 +12,7 @@ use heapless::VecView;
 use crate::base::capacity::{DETECTIONS, LEVELS, id};
 use crate::base::geometry::{Homography, area, contains};
 use crate::base::math;
+use crate::base::pace::Pace;
 use crate::detect::appearance::Appearance;
 use crate::detect::detection::{Detection, Detections};
 use crate::detect::pose::{AGREEMENT, CORNER_NOISE_PX, MAX_CORNERS};
@@ -80,7 +81,13 @@ fn score(a: &Appearance, evidence: &Evidence) -> f32 {
 
 /// Collects the evidence for a detection, and scores it.
 #[inline(never)]
-pub(crate) fn weigh(scene: &Scene<'_>, votes: &Votes<VecView<Vote>>, model: &Model<'_>, d: &mut Detection) {
+pub(crate) fn weigh(
+    scene: &Scene<'_>,
+    votes: &Votes<VecView<Vote>>,
+    model: &Model<'_>,
+    d: &mut Detection,
+    pace: &mut dyn Pace,
+) {
     let mut inside = [0u32; MAX_CORNERS / 32];
     for level in 0..LEVELS {
         for i in span(scene.spans, level) {
@@ -92,6 +99,7 @@ pub(crate) fn weigh(scene: &Scene<'_>, votes: &Votes<VecView<Vote>>, model: &Mod
     let agrees = Agreement::new(d);
     let mut evidence = Evidence::default();
     for v in votes.all().iter().filter(|v| v.object == d.object) {
+        pace.goes_on();
         let k = &scene.keygraphs[usize::from(v.frame_keygraph)];
         evidence.votes += u16::from(within(k));
         if agrees.holds(model, v, vertices(scene.points, k).map(|(_, p)| p)) {
@@ -140,10 +148,20 @@ pub(crate) fn name(detections: &mut Detections) -> usize {
 /// Makes the votes that agree with a detection supporters. Other votes for an object that lie in
 /// the outline of one of its detections are removed.
 #[inline(never)]
-pub(crate) fn settle(votes: &mut Votes<VecView<Vote>>, scene: &Scene<'_>, detections: &Detections, model: &Model<'_>) {
+pub(crate) fn settle(
+    votes: &mut Votes<VecView<Vote>>,
+    scene: &Scene<'_>,
+    detections: &Detections,
+    model: &Model<'_>,
+    pace: &mut dyn Pace,
+) {
     let found: heapless::Vec<_, DETECTIONS> = detections.iter().map(Agreement::new).collect();
     let at = |v: &Vote| vertices(scene.points, &scene.keygraphs[usize::from(v.frame_keygraph)]).map(|(_, p)| p);
-    votes.settle(|v| found.iter().any(|a| a.holds(model, v, at(v))), |v| is_found(detections, v.object, at(v)[0]));
+    let supports = |v: &Vote| {
+        pace.goes_on();
+        found.iter().any(|a| a.holds(model, v, at(v)))
+    };
+    votes.settle(supports, |v| is_found(detections, v.object, at(v)[0]));
 }
 
 /// Whether an object has been found at a place, frame px.

@@ -8,6 +8,7 @@ use heapless::VecView;
 
 use crate::base::capacity::StageStats;
 use crate::base::geometry::Point;
+use crate::base::pace::Pace;
 use crate::extract::corners::{Corner, detect_corners};
 use crate::extract::delaunay::{Triple, Workspace, triangulate};
 use crate::extract::rank::rank;
@@ -16,15 +17,22 @@ use crate::model::method::Parameters;
 
 /// Finds keypoints and triples in a frame. An implementation can replace our corners and their
 /// triangulation. The search asks for the levels above the finest first. It asks for the finest
-/// level only when the other levels leave doubts.
+/// level only when the other levels leave doubts. It stops when `pace` says so, and keeps what it
+/// has.
 pub trait Finder {
     /// Appends the keypoints of pyramid level `level` to `out`, in px of that level. `out` is empty
     /// at the call. The best come first: keypoints that do not fit are lost.
-    fn keypoints(&mut self, luma: Plane<'_, u8>, level: usize, out: &mut VecView<Corner>) -> StageStats;
+    fn keypoints(
+        &mut self,
+        luma: Plane<'_, u8>,
+        level: usize,
+        out: &mut VecView<Corner>,
+        pace: &mut dyn Pace,
+    ) -> StageStats;
 
     /// Appends triples of indices into `points` to `out`, best first. `out` is empty at the call,
     /// and has room for `KEYGRAPHS` triples. A frame keeps `KEYGRAPHS` keygraphs over all levels.
-    fn triples(&mut self, points: &[Point], out: &mut VecView<Triple>) -> StageStats;
+    fn triples(&mut self, points: &[Point], out: &mut VecView<Triple>, pace: &mut dyn Pace) -> StageStats;
 }
 
 /// Finds Shi-Tomasi corners and nested Delaunay triangles, in borrowed memory.
@@ -37,18 +45,24 @@ pub(crate) struct Corners<'a> {
 }
 
 impl Finder for Corners<'_> {
-    fn keypoints(&mut self, luma: Plane<'_, u8>, level: usize, out: &mut VecView<Corner>) -> StageStats {
+    fn keypoints(
+        &mut self,
+        luma: Plane<'_, u8>,
+        level: usize,
+        out: &mut VecView<Corner>,
+        pace: &mut dyn Pace,
+    ) -> StageStats {
         let Self { rules, scratch, mesh } = self;
         let limit = rules.corner_limits[level].min(mesh.capacity());
         if limit == 0 {
             return StageStats::default();
         }
-        let mut stats = detect_corners(luma, &rules.corners, scratch, out);
-        rank(rules.ranking, out, limit, scratch, &mut stats);
+        let mut stats = detect_corners(luma, &rules.corners, scratch, out, pace);
+        rank(rules.ranking, out, limit, scratch, &mut stats, pace);
         stats
     }
 
-    fn triples(&mut self, points: &[Point], out: &mut VecView<Triple>) -> StageStats {
-        triangulate(points, self.rules.prefixes, self.mesh.reborrow(), out)
+    fn triples(&mut self, points: &[Point], out: &mut VecView<Triple>, pace: &mut dyn Pace) -> StageStats {
+        triangulate(points, self.rules.prefixes, self.mesh.reborrow(), out, pace)
     }
 }

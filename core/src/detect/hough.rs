@@ -12,6 +12,7 @@ use heapless::VecView;
 
 use crate::base::capacity::StageStats;
 use crate::base::math;
+use crate::base::pace::Pace;
 use crate::detect::vote::{Similarity, Vote};
 use crate::model::method::VoteRule;
 
@@ -107,10 +108,20 @@ fn each_bin(pose: &Similarity, soft: bool, mut put: impl FnMut(u32)) {
 /// Counts the votes in `bins`, which are cleared first. Writes the heaviest bins to `out` as
 /// candidates, heaviest first, without the neighbours of a heavier bin. Votes of one frame keygraph
 /// must be next to each other. Returns the counts of votes in bins.
-pub fn find_candidates(votes: &[Vote], rule: &VoteRule, bins: &mut [Bin], out: &mut VecView<Candidate>) -> StageStats {
+pub fn find_candidates(
+    votes: &[Vote],
+    rule: &VoteRule,
+    bins: &mut [Bin],
+    out: &mut VecView<Candidate>,
+    pace: &mut dyn Pace,
+) -> StageStats {
     let mut stats = StageStats::default();
+    out.clear();
     bins.fill(Bin::FREE);
     for v in votes {
+        if !pace.goes_on() {
+            return stats;
+        }
         each_bin(&v.pose, rule.soft, |key| {
             stats.seen += 1;
             match slot(bins, key, v.object) {
@@ -124,8 +135,11 @@ pub fn find_candidates(votes: &[Vote], rule: &VoteRule, bins: &mut [Bin], out: &
             }
         });
     }
-    peaks(bins, rule, out);
+    peaks(bins, rule, out, pace);
     for c in out.iter_mut() {
+        if !pace.goes_on() {
+            break;
+        }
         c.pose = mean(votes, c);
     }
     stats
@@ -192,9 +206,8 @@ fn heaviest(bins: &[Bin], least: u32) -> Option<Bin> {
 }
 
 /// Writes the heaviest bins to `out`, and empties the bins around each.
-fn peaks(bins: &mut [Bin], rule: &VoteRule, out: &mut VecView<Candidate>) {
-    out.clear();
-    while !out.is_full() {
+fn peaks(bins: &mut [Bin], rule: &VoteRule, out: &mut VecView<Candidate>, pace: &mut dyn Pace) {
+    while !out.is_full() && pace.goes_on() {
         let Some(best) = heaviest(bins, rule.min_weight.max(1)) else { return };
         let c = unpack(best.key);
         let width = position_bin(c[0]);
@@ -222,6 +235,7 @@ fn peaks(bins: &mut [Bin], rule: &VoteRule, out: &mut VecView<Candidate>) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::pace::Steady;
     use heapless::Vec;
 
     const SOFT: VoteRule = VoteRule { soft: true, min_weight: 3 };
@@ -263,7 +277,7 @@ mod tests {
         }
         let mut bins = [Bin::FREE; 512];
         let mut out: Vec<Candidate, 4> = Vec::new();
-        let stats = find_candidates(&votes(&poses, 3), &SOFT, &mut bins, &mut out);
+        let stats = find_candidates(&votes(&poses, 3), &SOFT, &mut bins, &mut out, &mut Steady);
         assert_eq!((out.len(), stats.dropped), (1, 0));
         let c = &out[0];
         assert_eq!((c.object, c.weight), (3, 6));
@@ -279,7 +293,7 @@ mod tests {
         v.extend(votes(&[pose(100.0, 100.0, 30.0, 100.0); 4], 1));
         let mut bins = [Bin::FREE; 256];
         let mut out: Vec<Candidate, 4> = Vec::new();
-        find_candidates(&v, &SOFT, &mut bins, &mut out);
+        find_candidates(&v, &SOFT, &mut bins, &mut out, &mut Steady);
         assert_eq!(out.iter().map(|c| (c.object, c.weight)).collect::<std::vec::Vec<_>>(), [(1, 4)]);
     }
 
@@ -288,7 +302,7 @@ mod tests {
         let poses: std::vec::Vec<_> = (0..40).map(|i| pose(15.0 * i as f32, 200.0, 9.0 * i as f32, 64.0)).collect();
         let mut bins = [Bin::FREE; 16];
         let mut out: Vec<Candidate, 4> = Vec::new();
-        let stats = find_candidates(&votes(&poses, 0), &SOFT, &mut bins, &mut out);
+        let stats = find_candidates(&votes(&poses, 0), &SOFT, &mut bins, &mut out, &mut Steady);
         assert!(stats.dropped > 0);
         assert_eq!(stats.kept + stats.dropped, stats.seen);
     }

@@ -5,6 +5,7 @@
 
 use crate::base::capacity::{Buffer, Stage, StageStats, count};
 use crate::base::geometry::Point;
+use crate::base::pace::Pace;
 use crate::detect::classify::Match;
 use crate::detect::detection::Detection;
 use crate::detect::hough::Candidate;
@@ -23,17 +24,23 @@ pub struct Stats {
     pub stages: [StageStats; Stage::COUNT],
     /// Clock ticks of each stage, in the order of [`Stage::ALL`].
     pub ticks: [u64; Stage::COUNT],
+    /// Whether the search was told to stop, [`Observer::goes_on`], and is not complete.
+    pub stopped: bool,
 }
 
 impl Stats {
     /// Counts and ticks before any stage has run: all zero.
-    pub(crate) const EMPTY: Self =
-        Self { stages: [StageStats { seen: 0, kept: 0, dropped: 0 }; Stage::COUNT], ticks: [0; Stage::COUNT] };
+    pub(crate) const EMPTY: Self = Self {
+        stages: [StageStats { seen: 0, kept: 0, dropped: 0 }; Stage::COUNT],
+        ticks: [0; Stage::COUNT],
+        stopped: false,
+    };
 
     /// Adds the counts and ticks of `more`.
     pub(crate) fn add(&mut self, more: &Self) {
         self.stages.iter_mut().zip(more.stages).for_each(|(s, m)| add(s, m));
         self.ticks.iter_mut().zip(more.ticks).for_each(|(t, m)| *t = t.wrapping_add(m));
+        self.stopped |= more.stopped;
     }
 }
 
@@ -122,6 +129,13 @@ pub trait Observer {
     /// bits may start again at 0.
     fn now(&mut self) -> u64;
 
+    /// Returns whether the search goes on. It is asked every 200,000 instructions or more often, so
+    /// that others can be given their turn, and a search can be told to stop. A search that is
+    /// stopped returns what it has found, [`Stats::stopped`], and does not ask again.
+    fn goes_on(&mut self) -> bool {
+        true
+    }
+
     /// Receives what a stage made. The time of this call is not counted for any stage.
     fn saw(&mut self, output: Output<'_>) {
         let _ = output;
@@ -144,12 +158,22 @@ pub(crate) const fn passed(start: u64, end: u64) -> u64 {
 pub(crate) struct Laps<'a> {
     observer: &'a mut dyn Observer,
     last: u64,
+    /// Whether the observer has told the search to stop.
+    pub(crate) stopped: bool,
+}
+
+impl Pace for Laps<'_> {
+    #[inline(never)]
+    fn goes_on(&mut self) -> bool {
+        self.stopped = self.stopped || !self.observer.goes_on();
+        !self.stopped
+    }
 }
 
 impl<'a> Laps<'a> {
     pub(crate) fn new(observer: &'a mut dyn Observer) -> Self {
         let last = observer.now();
-        Self { observer, last }
+        Self { observer, last, stopped: false }
     }
 
     /// Ends the work of a stage: adds its ticks, and shows its output.

@@ -10,6 +10,7 @@
 
 use crate::base::geometry::{Homography, area};
 use crate::base::math;
+use crate::base::pace::Pace;
 use crate::detect::detection::Detection;
 use crate::detect::light::Moments;
 use crate::image::plane::Plane;
@@ -45,7 +46,13 @@ type Profile = [f32; 2 * REACH + 3];
 /// Looks at the outline of a detection. `level` is the level of the frame whose pixels are about as
 /// large as those of the template.
 #[inline(never)]
-pub(crate) fn trace(view: &PyramidView<'_>, o: &Object<'_>, d: &Detection, level: usize) -> Pieces {
+pub(crate) fn trace(
+    view: &PyramidView<'_>,
+    o: &Object<'_>,
+    d: &Detection,
+    level: usize,
+    pace: &mut dyn Pace,
+) -> Pieces {
     let to_picture = o.template.to_picture(o.width as f32, o.height as f32);
     let cell = Overlaid { map: into_level(level).after(&d.homography).after(&to_picture), luma: view.luma(level) };
     let (template, plane) = (o.template.luma(0), view.luma(0));
@@ -54,6 +61,9 @@ pub(crate) fn trace(view: &PyramidView<'_>, o: &Object<'_>, d: &Detection, level
     let half = [0.5, 0.5];
     let unit = (math::coarse_sqrt(area(&d.corners).abs()) / 200.0).clamp(1.0, 3.0);
     for (i, piece) in pieces.iter_mut().enumerate() {
+        if !pace.goes_on() {
+            break;
+        }
         let (side, k) = (i / PIECES, i % PIECES);
         // The piece lies on this side of its cell, one of 12 x 12.
         let (x, y) = [(k, 0), (PIECES - 1, k), (PIECES - 1 - k, PIECES - 1), (0, PIECES - 1 - k)][side];

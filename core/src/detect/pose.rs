@@ -17,6 +17,7 @@ use heapless::VecView;
 use crate::base::capacity::StageStats;
 use crate::base::geometry::Homography;
 use crate::base::math;
+use crate::base::pace::Pace;
 use crate::detect::hough::Candidate;
 use crate::detect::vote::Vote;
 use crate::model::parse::Model;
@@ -140,6 +141,7 @@ pub fn collect_pairs(
     votes: &[Vote],
     vertices: impl Fn(u16) -> [(u16, [f32; 2]); 3],
     out: &mut VecView<Pair>,
+    pace: &mut dyn Pace,
 ) -> (Normalised, StageStats) {
     let object = model.object(usize::from(candidate.object));
     let pose = &candidate.pose;
@@ -147,6 +149,9 @@ pub fn collect_pairs(
     let mut stats = StageStats::default();
     out.clear();
     for v in votes.iter().filter(|v| v.object == candidate.object) {
+        if !pace.goes_on() {
+            break;
+        }
         // A vote for another rotation or size cannot belong to this pose.
         let turn = v.pose.rotation.wrapping_sub(pose.rotation).cast_signed();
         if turn.unsigned_abs() > 8192 || v.pose.size.abs_diff(pose.size) > 256 {
@@ -187,12 +192,21 @@ pub const PRIORS: [Prior; 2] = [Prior { shape: 0.0, flat: 2.5e-4 }, Prior { shap
 /// Fits a homography to `pairs`, from `start` on. `prior` is one of [`PRIORS`]. Returns the map
 /// from picture px to frame px; `None` when too few pairs agree or the fit falls apart.
 #[must_use]
-pub fn grow(start: &Homography, map: &Normalised, pairs: &[Pair], prior: Prior) -> Option<Homography> {
+pub fn grow(
+    start: &Homography,
+    map: &Normalised,
+    pairs: &[Pair],
+    prior: Prior,
+    pace: &mut dyn Pace,
+) -> Option<Homography> {
     let mut h = *start;
     let noise = CORNER_NOISE_PX * map.frame[2];
     for (radius, projective) in STEPS {
         let mut fit = Fit::new(&h, radius.max(noise));
         for p in pairs {
+            if !pace.goes_on() {
+                return None;
+            }
             fit.add(p.from, p.to, f32::from(p.weight) / 8.0);
         }
         h = fit.step(projective, start, prior)?;
@@ -381,6 +395,7 @@ pub(crate) fn solve(m: &mut [[f32; 9]; 8], n: usize) -> Option<[f32; 8]> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::pace::Steady;
     use crate::detect::vote::Similarity;
 
     #[test]
@@ -409,7 +424,7 @@ mod tests {
             pairs.push(Pair { from: map.picture_unit(p), to: map.frame_unit(q), corner: i, weight: 8 });
         }
         let pose = Similarity { centre, rotation: 4400, size: 0 };
-        let g = grow(&pose.turn(), &map, &pairs, PRIORS[0]).unwrap();
+        let g = grow(&pose.turn(), &map, &pairs, PRIORS[0], &mut Steady).unwrap();
         assert!(count_agreeing(&map, &pairs, &g) >= 40);
         for (a, b) in g.outline(w, h).iter().zip(truth.outline(w, h)) {
             assert!((a[0] - b[0]).abs() < 2.0 && (a[1] - b[1]).abs() < 2.0, "{a:?} for {b:?}");

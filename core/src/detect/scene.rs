@@ -13,6 +13,7 @@ use heapless::VecView;
 
 use crate::base::capacity::{Buffer, LEVELS, Stage, StageStats, count, id};
 use crate::base::geometry::Point;
+use crate::base::pace::Pace;
 use crate::detect::finder::Finder;
 use crate::detect::observer::{Laps, Output, Tally};
 use crate::detect::plan::Levels;
@@ -108,7 +109,7 @@ impl Scene<'_> {
         let (start, tally) = (self.points.len(), &mut *context.tally);
         let luma = self.pyramid.luma(level);
         if luma.width().min(luma.height()) >= 8 {
-            let mut stats = context.finder.keypoints(luma, level, self.corners);
+            let mut stats = context.finder.keypoints(luma, level, self.corners, context.laps);
             let held = self.corners.capacity().min(stats.seen as usize).max(self.corners.len());
             tally.mark(Buffer::Corners, held);
             tally.mark(Buffer::Triangulation, self.corners.len());
@@ -127,7 +128,7 @@ impl Scene<'_> {
     #[inline(never)]
     fn find_triples(&mut self, level: usize, context: &mut Context<'_, '_>) {
         self.triples.clear();
-        let stats = context.finder.triples(&self.points[span(self.spans, level)], self.triples);
+        let stats = context.finder.triples(&self.points[span(self.spans, level)], self.triples, context.laps);
         context.tally.mark(Buffer::Triples, self.triples.len());
         context.tally.add(Stage::Delaunay, stats);
     }
@@ -139,7 +140,8 @@ impl Scene<'_> {
         self.triples.retain(|t| t.iter().all(|&v| v < n));
         let rule = &context.model.method().parameters().scalene;
         let level = u8::try_from(level).unwrap_or(0);
-        let stats = collect_keygraphs(&self.points[range], self.triples, rule, first, level, self.keygraphs);
+        let stats =
+            collect_keygraphs(&self.points[range], self.triples, rule, first, level, self.keygraphs, context.laps);
         context.tally.mark(Buffer::Keygraphs, self.keygraphs.len());
         context.tally.mark(Buffer::Features, self.keygraphs.len());
         context.tally.add(Stage::Keygraphs, stats);
@@ -149,7 +151,12 @@ impl Scene<'_> {
     #[inline(never)]
     fn extract_features(&mut self, first: usize, context: &mut Context<'_, '_>) {
         let model = context.model;
+        let mut done = first;
         for (k, f) in self.keygraphs.iter().zip(&mut *self.features).skip(first) {
+            if !context.laps.goes_on() {
+                break;
+            }
+            done += 1;
             let points = k.vertices.map(|v| self.points[usize::from(v)]);
             *f = extract(
                 &self.pyramid,
@@ -160,9 +167,11 @@ impl Scene<'_> {
                 model.method().sampling(),
             );
         }
-        let n = count(self.keygraphs.len() - first);
+        // Keygraphs without features are left out.
+        self.keygraphs.truncate(done);
+        let n = count(done - first);
         context.tally.add(Stage::Features, StageStats { seen: n, kept: n, dropped: 0 });
-        let features = &self.features[first..self.keygraphs.len()];
+        let features = &self.features[first..done];
         context.laps.end(context.tally, Output::Features(features, model.feature_bytes()));
     }
 }

@@ -9,6 +9,7 @@
 
 use crate::base::geometry::area;
 use crate::base::math;
+use crate::base::pace::Pace;
 use crate::detect::appearance::{Blocks, level_of_area};
 use crate::detect::detection::Detection;
 use crate::detect::light::{BLOCKS, Moments, agreement};
@@ -94,10 +95,14 @@ struct Grid {
 
 impl Grid {
     #[inline(never)]
-    fn new(view: &PyramidView<'_>, o: &Object<'_>, d: &Detection) -> Self {
+    fn new(view: &PyramidView<'_>, o: &Object<'_>, d: &Detection, pace: &mut dyn Pace) -> Self {
         let mut grid = Self { moments: [Moments::default(); PLACES], correlation: [f32::NAN; PLACES] };
         let size = [o.width as f32, o.height as f32];
-        let blocks = Blocks::new(view, &o.template, 0, &d.homography, size, &mut |i, m| grid.moments[i] = *m);
+        let mut keep = |i: usize, m: &Moments| {
+            pace.goes_on();
+            grid.moments[i] = *m;
+        };
+        let blocks = Blocks::new(view, &o.template, 0, &d.homography, size, &mut keep);
         for (place, value) in blocks.correlations() {
             grid.correlation[place] = value;
         }
@@ -195,15 +200,16 @@ fn plain(fit: f32) -> [Mean; 7] {
 /// [`Appearance::visible`]: crate::Appearance::visible
 #[inline(never)]
 #[must_use]
-pub fn scrutinise(view: &PyramidView<'_>, model: &Model<'_>, d: &Detection) -> Scrutiny {
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 to 255")]
+pub fn scrutinise(view: &PyramidView<'_>, model: &Model<'_>, d: &Detection, pace: &mut dyn Pace) -> Scrutiny {
     let mut means = plain(d.fit());
     let mut outline = [Mean::NONE, PLAIN_STEP];
     if d.appearance.visible < PLAIN {
         let o = model.object(usize::from(d.object));
-        means = blocks(&Grid::new(view, &o, d));
+        means = blocks(&Grid::new(view, &o, d, pace));
         let template = o.template.luma(0);
         let level = level_of_area(area(&d.corners).abs() / (template.width() * template.height()) as f32);
-        outline = steps(&trace(view, &o, d, level));
+        outline = steps(&trace(view, &o, d, level, pace));
     }
     let [hidden, shown] = outline;
     let mut values = [0.0; PROPERTIES];
@@ -225,7 +231,7 @@ pub fn scrutinise(view: &PyramidView<'_>, model: &Model<'_>, d: &Detection) -> S
     values[14] = values[11] - values[15] * (40.0 / 60.0) + 128.0 / 255.0;
     let mut out = [0; PROPERTIES];
     for (out, v) in out.iter_mut().zip(values) {
-        *out = u8::try_from(math::round(255.0 * unit(v))).unwrap_or(0);
+        *out = (255.0 * unit(v) + 0.5) as u8;
     }
     Scrutiny(out)
 }

@@ -16,6 +16,7 @@ use heapless::{Vec, VecView};
 use crate::base::capacity::{Buffer, CANDIDATES, Stage, StageStats, count, id};
 use crate::base::geometry::{Homography, Point};
 use crate::base::math;
+use crate::base::pace::Pace;
 use crate::base::sort::sort_by_key;
 use crate::detect::align::refine;
 use crate::detect::appearance::appearance;
@@ -77,17 +78,24 @@ pub(crate) struct Search<'a, 'o> {
 }
 
 impl Search<'_, '_> {
-    /// Runs the steps of a plan.
-    pub(crate) fn run(&mut self, plan: &Plan) {
+    /// Runs the steps of a plan, without the first ones, of which there are `skipped`. The steps of
+    /// all rounds count. Returns the number of the step at which the search was stopped, or 0.
+    pub(crate) fn run(&mut self, plan: &Plan, skipped: u16) -> u16 {
         self.scene.find_coarse(&mut self.context);
+        let (mut number, mut stopped) = (0, 0);
         for round in 0..plan.rounds() {
             // Weight of the heaviest candidate that the last decision left open.
             let mut open = None;
             for i in 0.. {
                 let Some(step) = plan.step(round, i) else { break };
-                if !self.is_wanted(&step, open) {
+                number += 1;
+                if number <= skipped {
+                    continue;
+                }
+                if self.context.laps.stopped || !self.is_wanted(&step, open) {
                     break;
                 }
+                stopped = number - 1;
                 self.gather_votes(&step);
                 if let Some(bar) = &step.decide {
                     open = self.decide(bar, plan);
@@ -101,6 +109,8 @@ impl Search<'_, '_> {
         self.findings.named = evidence::name(&mut self.findings.detections);
         let named = &self.findings.detections[..self.findings.named];
         self.context.laps.end(self.context.tally, Output::Detections(named));
+        self.context.tally.stats.stopped = self.context.laps.stopped;
+        if self.context.laps.stopped { stopped } else { 0 }
     }
 
     /// Whether a step is to be taken. `open` is the weight of the heaviest candidate that the last
@@ -119,6 +129,9 @@ impl Search<'_, '_> {
     fn gather_votes(&mut self, step: &Step) {
         let keygraphs = self.scene.keygraphs_of(step.levels, &mut self.context);
         for first in keygraphs.clone().step_by(CHUNK) {
+            if self.context.laps.stopped {
+                return;
+            }
             self.find_matches(step, first..keygraphs.end.min(first + CHUNK));
             self.context.laps.end(self.context.tally, Output::Matches(&self.findings.matches));
             let first = self.votes.all().len();
@@ -136,7 +149,7 @@ impl Search<'_, '_> {
         for i in chunk {
             let k = &scene.keygraphs[i];
             let at = vertices(scene.points, k)[0].1;
-            if step.tier.object().is_some_and(|o| is_found(detections, o, at)) {
+            if !context.laps.goes_on() || step.tier.object().is_some_and(|o| is_found(detections, o, at)) {
                 continue;
             }
             let nearest = classify(context.model, step.tier, k, &scene.features[i], &step.matching);
@@ -154,6 +167,9 @@ impl Search<'_, '_> {
         let gray = model.feature() == FeatureKind::Luma;
         let mut stats = StageStats { seen: count(matches.len()), ..StageStats::default() };
         for &(i, m) in matches.iter() {
+            if !context.laps.goes_on() {
+                break;
+            }
             let to = vertices(scene.points, &scene.keygraphs[usize::from(i)]).map(|(_, p)| p);
             let (v, from) = model.keygraph(m.keygraph as usize);
             let (v, from) = (model.view(v), from.map(Point::px));
@@ -178,7 +194,7 @@ impl Search<'_, '_> {
         loop {
             let known = self.findings.detections.len();
             // A keygraph counts once in a bin: its votes must be next to each other.
-            sort_by_key(self.votes.open_mut(), |v| (v.frame_keygraph, v.model_keygraph));
+            sort_by_key(self.votes.open_mut(), |v| (v.frame_keygraph, v.model_keygraph), self.context.laps);
             self.find_candidates();
             self.context.laps.end(self.context.tally, Output::Candidates(&self.findings.candidates));
             let Findings { candidates, detections, .. } = &mut *self.findings;
@@ -202,7 +218,7 @@ impl Search<'_, '_> {
     fn find_candidates(&mut self) {
         let rules = self.context.model.method().parameters();
         let candidates = &mut self.findings.candidates;
-        let stats = hough::find_candidates(self.votes.open(), &rules.voting, self.bins, candidates);
+        let stats = hough::find_candidates(self.votes.open(), &rules.voting, self.bins, candidates, self.context.laps);
         candidates.truncate(rules.candidates);
         self.context.tally.add(Stage::Vote, stats);
         self.context.tally.mark(Buffer::Bins, self.bins.iter().filter(|b| !b.is_free()).count());
@@ -214,7 +230,7 @@ impl Search<'_, '_> {
         let (model, rules) = (self.context.model, self.context.model.method().parameters());
         for i in 0..self.findings.candidates.len() {
             let candidate = self.findings.candidates[i];
-            if candidate.weight < bar.weight {
+            if self.context.laps.stopped || candidate.weight < bar.weight {
                 break;
             }
             if rules.grow {
@@ -223,10 +239,13 @@ impl Search<'_, '_> {
                     && (candidate.weight >= bar.heavy || d.appearance.support >= bar.support)
                 {
                     d.agreeing = count_agreeing(&map, self.pairs, &d.homography);
-                    weigh(&self.scene, self.votes, model, &mut d);
+                    weigh(&self.scene, self.votes, model, &mut d, self.context.laps);
                     if d.score >= bar.impression && d.appearance.visible >= visible {
-                        d.score = believe(&scrutinise(&self.scene.pyramid, model, &d));
-                        self.accept(&d, bar.score);
+                        d.score = believe(&scrutinise(&self.scene.pyramid, model, &d, self.context.laps));
+                        // What has not been looked at whole is not believed.
+                        if !self.context.laps.stopped {
+                            self.accept(&d, bar.score);
+                        }
                     }
                 }
             } else {
@@ -264,7 +283,7 @@ impl Search<'_, '_> {
         let (scene, model, votes) = (&self.scene, self.context.model, self.votes.all());
         let corners = |i: u16| vertices(scene.points, &scene.keygraphs[usize::from(i)]);
         let start = pose::start(model, candidate, votes);
-        let (map, lost) = collect_pairs(model, candidate, &start, votes, corners, self.pairs);
+        let (map, lost) = collect_pairs(model, candidate, &start, votes, corners, self.pairs, self.context.laps);
         let stats = self.context.tally.of(Stage::Pose);
         stats.seen += 1;
         stats.dropped += lost.dropped;
@@ -276,7 +295,7 @@ impl Search<'_, '_> {
     /// or when the instance has been found already with at least as many agreeing corners.
     #[inline(never)]
     fn grow(&mut self, object: u16, map: &Normalised, start: &Homography, prior: Prior) -> Option<Detection> {
-        let homography = pose::grow(start, map, self.pairs, prior)?;
+        let homography = pose::grow(start, map, self.pairs, prior, self.context.laps)?;
         self.context.tally.of(Stage::Pose).kept += 1;
         let d = Detection {
             agreeing: count_agreeing(map, self.pairs, &homography),
@@ -292,8 +311,8 @@ impl Search<'_, '_> {
         self.context.tally.of(Stage::Accept).seen += 1;
         let o = self.context.model.object(usize::from(d.object));
         let (view, w, h) = (&self.scene.pyramid, o.width as f32, o.height as f32);
-        let aligned = refine(view, &o.template, &d.homography, w, h)?;
-        let appearance = appearance(view, &o.template, &aligned, w, h);
+        let aligned = refine(view, &o.template, &d.homography, [w, h], self.context.laps)?;
+        let appearance = appearance(view, &o.template, &aligned, [w, h], self.context.laps);
         Some(Detection { appearance, ..Detection::at(self.context.model, d.object, &aligned) })
     }
 
@@ -306,7 +325,7 @@ impl Search<'_, '_> {
     }
 
     fn settle(&mut self) {
-        evidence::settle(self.votes, &self.scene, &self.findings.detections, self.context.model);
+        evidence::settle(self.votes, &self.scene, &self.findings.detections, self.context.model, self.context.laps);
     }
 }
 

@@ -246,6 +246,7 @@ pub fn likeness(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::pace::Steady;
     use crate::image::frame::{Frame, PixelFormat};
     use crate::image::halve::{halve_chroma, halve_luma};
     use crate::image::pyramid::{Pyramid, plane_bytes, reduce_all};
@@ -284,13 +285,13 @@ mod tests {
         for y in 0..SIDE {
             luma[y * SIDE..][..SIDE].copy_from_slice(v.luma(0).row(y));
         }
-        reduce_all(luma, SIDE, SIDE, halve_luma);
+        reduce_all(luma, SIDE, SIDE, halve_luma, &mut Steady);
         let half = SIDE / 2;
         for (plane, source) in chroma.chunks_exact_mut(plane_bytes(half, half)).zip(v.chroma(0)) {
             for (i, c) in plane[..half * half].iter_mut().enumerate() {
                 *c = source.row(i / half)[i % half].cast_unsigned();
             }
-            reduce_all(plane, half, half, halve_chroma);
+            reduce_all(plane, half, half, halve_chroma, &mut Steady);
         }
         bytes
     }

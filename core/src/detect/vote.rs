@@ -176,7 +176,7 @@ impl Votes<VecView<Vote>> {
 
     /// Makes every vote for which `supports` is true a supporter, and every other vote an open one.
     /// Open votes for which `is_spent` is true are removed.
-    pub fn settle(&mut self, supports: impl Fn(&Vote) -> bool, is_spent: impl Fn(&Vote) -> bool) {
+    pub fn settle(&mut self, mut supports: impl FnMut(&Vote) -> bool, is_spent: impl Fn(&Vote) -> bool) {
         let mut supporters = 0;
         for i in 0..self.list.len() {
             if supports(&self.list[i]) {

@@ -23,6 +23,7 @@ use heapless::VecView;
 use crate::base::capacity::{StageStats, count};
 use crate::base::geometry::Point;
 use crate::base::math::{VECTORS, max};
+use crate::base::pace::Pace;
 use crate::base::sort::sort_by_key;
 use crate::extract::strength::{OneByOne, Pass, SideBySide, mirror};
 use crate::image::plane::Plane;
@@ -60,7 +61,7 @@ pub struct CornerParams {
 }
 
 /// Finds the corners of `luma` and writes them into `out` in no particular order. The next step is
-/// to rank them.
+/// to rank them. When it is told to stop, it keeps what it has found.
 ///
 /// `scratch` needs [`SCRATCH_ROWS`] times the width of `luma`. `out` is cleared first. Its capacity
 /// is the maximum number of candidates.
@@ -72,11 +73,12 @@ pub fn detect_corners(
     params: &CornerParams,
     scratch: &mut [f32],
     out: &mut VecView<Corner>,
+    pace: &mut dyn Pace,
 ) -> StageStats {
     if VECTORS {
-        detect_by::<SideBySide>(luma, params, scratch, out)
+        detect_by::<SideBySide>(luma, params, scratch, out, pace)
     } else {
-        detect_by::<OneByOne>(luma, params, scratch, out)
+        detect_by::<OneByOne>(luma, params, scratch, out, pace)
     }
 }
 
@@ -90,14 +92,14 @@ struct Kept<'a> {
 impl Kept<'_> {
     /// Takes the peak at `x` of the middle row, which is row `y`, if it is strong enough. A full
     /// buffer makes room first.
-    fn take(&mut self, around: [&[f32]; 3], x: usize, y: usize) {
+    fn take(&mut self, around: [&[f32]; 3], x: usize, y: usize, pace: &mut dyn Pace) {
         if (whole(around[1][x]) as f32) < self.cut {
             return;
         }
         self.stats.seen += 1;
         let corner = corner_at(around, x, y);
         if self.out.push(corner).is_err() {
-            self.cut = max(self.cut, drop_weaker_half(self.out, &mut self.stats) as f32);
+            self.cut = max(self.cut, drop_weaker_half(self.out, &mut self.stats, pace) as f32);
             if (corner.strength as f32) < self.cut || self.out.push(corner).is_err() {
                 self.stats.dropped += 1;
             }
@@ -118,6 +120,7 @@ fn detect_by<P: Pass>(
     params: &CornerParams,
     scratch: &mut [f32],
     out: &mut VecView<Corner>,
+    pace: &mut dyn Pace,
 ) -> StageStats {
     let (w, h) = (luma.width(), luma.height());
     out.clear();
@@ -134,6 +137,9 @@ fn detect_by<P: Pass>(
 
     let mut next = 0;
     for y in 0..h {
+        if !pace.goes_on() {
+            break;
+        }
         while next <= (y + 1).min(h - 1) {
             let around = [-1, 0, 1].map(|d| luma.row(mirror(next.cast_signed() + d, h)));
             P::sum(around, &mut raw, sums[next % 3]);
@@ -146,7 +152,7 @@ fn detect_by<P: Pass>(
             continue;
         }
         let around = [y - 2, y - 1, y].map(|r| &*ring[r % 3]);
-        P::each_peak(around, margin, |x| kept.take(around, x, y - 1));
+        P::each_peak(around, margin, |x| kept.take(around, x, y - 1, pace));
     }
     kept.finish()
 }
@@ -181,12 +187,12 @@ fn vertex(l: f32, v: f32, r: f32) -> i16 {
 }
 
 /// Keeps the stronger half of the corners. Returns the weakest strength that is left.
-fn drop_weaker_half(corners: &mut VecView<Corner>, stats: &mut StageStats) -> i32 {
+fn drop_weaker_half(corners: &mut VecView<Corner>, stats: &mut StageStats, pace: &mut dyn Pace) -> i32 {
     let half = corners.len() / 2;
     if half == 0 {
         return i32::MAX;
     }
-    sort_by_key(corners, by_strength);
+    sort_by_key(corners, by_strength, pace);
     stats.dropped += count(corners.len() - half);
     corners.truncate(half);
     corners[half - 1].strength
@@ -203,6 +209,7 @@ pub(crate) fn by_strength(c: &Corner) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::pace::Steady;
     use crate::extract::strength::tests::{SIZES, texture};
     use heapless::Vec;
 
@@ -214,7 +221,7 @@ mod tests {
         let mut out: Vec<Corner, 64> = Vec::new();
         let mut scratch = std::vec![0.0; SCRATCH_ROWS * w];
         let params = CornerParams { quality_q16: 655 * 20, floor: 1, margin_px: 1 };
-        detect_corners(Plane::new(&data, w, h).unwrap(), &params, &mut scratch, &mut out);
+        detect_corners(Plane::new(&data, w, h).unwrap(), &params, &mut scratch, &mut out, &mut Steady);
         let mut map: std::vec::Vec<std::vec::Vec<u8>> = picture.iter().map(|r| r.bytes().collect()).collect();
         for c in &out {
             map[((c.point.y + 8) >> 4) as usize][((c.point.x + 8) >> 4) as usize] = b'o';
@@ -279,8 +286,8 @@ wanted:
         let mut scratch = std::vec![0.0; SCRATCH_ROWS * w];
         let params = CornerParams { quality_q16: 0, floor: 1000, margin_px: 1 };
         let mut run = |out: &mut VecView<Corner>| {
-            let s = detect_corners(Plane::new(&data, w, h).unwrap(), &params, &mut scratch, out);
-            sort_by_key(out, by_strength);
+            let s = detect_corners(Plane::new(&data, w, h).unwrap(), &params, &mut scratch, out, &mut Steady);
+            sort_by_key(out, by_strength, &mut Steady);
             s
         };
         let (mut all, mut few): (Vec<Corner, 256>, Vec<Corner, 8>) = (Vec::new(), Vec::new());
@@ -303,9 +310,9 @@ wanted:
                     let plane = Plane::new(&data, w, h).unwrap();
                     let mut scratch = std::vec![0.0; SCRATCH_ROWS * w];
                     let (mut a, mut b): (Vec<Corner, 60>, Vec<Corner, 60>) = (Vec::new(), Vec::new());
-                    let stats = detect_by::<SideBySide>(plane, &params, &mut scratch, &mut a);
+                    let stats = detect_by::<SideBySide>(plane, &params, &mut scratch, &mut a, &mut Steady);
                     assert_eq!(
-                        detect_by::<OneByOne>(plane, &params, &mut scratch, &mut b),
+                        detect_by::<OneByOne>(plane, &params, &mut scratch, &mut b, &mut Steady),
                         stats,
                         "{w}x{h}, {params:?}"
                     );

@@ -18,6 +18,7 @@ use heapless::VecView;
 
 use crate::base::capacity::StageStats;
 use crate::base::geometry::{Point, in_circle, orient};
+use crate::base::pace::Pace;
 
 /// Three indices into the points.
 pub type Triple = [u16; 3];
@@ -115,7 +116,13 @@ impl Workspace<'_> {
 ///
 /// `levels` are the lengths of the prefixes in ascending order. A length beyond the number of
 /// points stands for all points. `seen` in the statistics counts triangles.
-pub fn triangulate(points: &[Point], levels: &[usize], work: Workspace<'_>, out: &mut VecView<Triple>) -> StageStats {
+pub fn triangulate(
+    points: &[Point],
+    levels: &[usize],
+    work: Workspace<'_>,
+    out: &mut VecView<Triple>,
+    pace: &mut dyn Pace,
+) -> StageStats {
     let mut stats = StageStats::default();
     let capacity = work.capacity();
     if points.len() > capacity {
@@ -130,6 +137,9 @@ pub fn triangulate(points: &[Point], levels: &[usize], work: Workspace<'_>, out:
     for &level in levels {
         let level = level.min(points.len());
         for i in previous..level {
+            if !pace.goes_on() {
+                return stats;
+            }
             // The third vertex of the first triangle may come late in the order. By then it is in
             // the mesh, and inserting it again changes nothing.
             if i != 0 && i != usize::from(second) && i != usize::from(third) {
@@ -309,6 +319,7 @@ fn index(t: usize) -> u16 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::pace::Steady;
     use heapless::Vec;
     use std::prelude::rust_2024::*;
 
@@ -329,7 +340,7 @@ mod tests {
     fn triangles(map: &[&str], levels: &[usize]) -> (String, StageStats) {
         let mut mesh: Triangulation<16> = Triangulation::new();
         let mut out: Vec<Triple, 64> = Vec::new();
-        let stats = triangulate(&points(map), levels, mesh.workspace(), &mut out);
+        let stats = triangulate(&points(map), levels, mesh.workspace(), &mut out, &mut Steady);
         let mut names: std::vec::Vec<String> = out
             .iter()
             .map(|t| {
@@ -396,7 +407,7 @@ mod tests {
         let same = [Point::new(3, 3); 8];
         let mut mesh: Triangulation<8> = Triangulation::new();
         let mut out: Vec<Triple, 4> = Vec::new();
-        assert_eq!(triangulate(&same, &[8], mesh.workspace(), &mut out), StageStats::default());
+        assert_eq!(triangulate(&same, &[8], mesh.workspace(), &mut out, &mut Steady), StageStats::default());
     }
 
     #[test]
@@ -410,7 +421,7 @@ mod tests {
         let grid: std::vec::Vec<Point> = (0..25).map(|i| Point::new(i % 5 * 16, i / 5 * 16 + i % 3)).collect();
         let mut mesh: Triangulation<10> = Triangulation::new();
         let mut out: Vec<Triple, 4> = Vec::new();
-        let stats = triangulate(&grid, &[25], mesh.workspace(), &mut out);
+        let stats = triangulate(&grid, &[25], mesh.workspace(), &mut out, &mut Steady);
         assert_eq!(out.len(), 4);
         assert_eq!(stats.kept, 4);
         assert_eq!(stats.dropped, 15 + stats.seen - 4);

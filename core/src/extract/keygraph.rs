@@ -16,6 +16,7 @@ use heapless::VecView;
 use crate::base::capacity::StageStats;
 use crate::base::geometry::{Circle, Point, orient};
 use crate::base::math;
+use crate::base::pace::Pace;
 use crate::extract::delaunay::Triple;
 
 /// Number of subsets of the partition. There are two orientations, 18 bins of 5 degrees for the
@@ -145,9 +146,13 @@ pub fn collect_keygraphs(
     first: u16,
     level: u8,
     out: &mut VecView<Keygraph>,
+    pace: &mut dyn Pace,
 ) -> StageStats {
     let mut stats = StageStats::default();
     for &t in triples {
+        if !pace.goes_on() {
+            break;
+        }
         stats.seen += 1;
         let Some(k) = Keygraph::new(t.map(|v| points[usize::from(v)]), t, rule) else { continue };
         let k = Keygraph { vertices: k.vertices.map(|v| v + first), level, ..k };

@@ -13,6 +13,7 @@ use heapless::VecView;
 use crate::base::capacity::{StageStats, count};
 use crate::base::geometry::Point;
 use crate::base::math::{VECTORS, min};
+use crate::base::pace::Pace;
 use crate::base::sort::sort_by_key;
 use crate::extract::corners::{Corner, by_strength};
 use crate::extract::strength::LANES;
@@ -37,22 +38,32 @@ pub fn rank(
     limit: usize,
     scratch: &mut [f32],
     stats: &mut StageStats,
+    pace: &mut dyn Pace,
 ) {
     match ranking {
-        Ranking::Radius => rank_by_radius(corners, limit, scratch, stats),
-        Ranking::Strength(apart) => rank_by_strength(corners, apart, limit, stats),
+        Ranking::Radius => rank_by_radius(corners, limit, scratch, stats, pace),
+        Ranking::Strength(apart) => rank_by_strength(corners, apart, limit, stats, pace),
     }
 }
 
 /// Orders corners with the strongest first, as OpenCV does. Where two lie nearer to each other than
 /// `min_distance_px`, the stronger is kept. At most `limit` corners are left. Corners beyond the
 /// limit that are far enough from the others count as dropped.
-pub fn rank_by_strength(corners: &mut VecView<Corner>, min_distance_px: u16, limit: usize, stats: &mut StageStats) {
-    sort_by_key(corners, by_strength);
+pub fn rank_by_strength(
+    corners: &mut VecView<Corner>,
+    min_distance_px: u16,
+    limit: usize,
+    stats: &mut StageStats,
+    pace: &mut dyn Pace,
+) {
+    sort_by_key(corners, by_strength, pace);
     let least2 = i64::from(min_distance_px).pow(2);
     let pixel = |p: Point| Point::new((p.x + 8) >> 4, (p.y + 8) >> 4);
     let mut kept = 0;
     for i in 0..corners.len() {
+        if !pace.goes_on() {
+            break;
+        }
         let c = corners[i];
         let near = |k: &Corner| pixel(k.point).distance2(pixel(c.point)) < least2;
         if corners[..kept].iter().any(near) {
@@ -83,28 +94,37 @@ pub fn rank_by_strength(corners: &mut VecView<Corner>, min_distance_px: u16, lim
 ///
 /// # Panics
 /// Panics when `scratch` is shorter than that.
-pub fn rank_by_radius(corners: &mut VecView<Corner>, limit: usize, scratch: &mut [f32], stats: &mut StageStats) {
-    sort_by_key(corners, by_strength);
+pub fn rank_by_radius(
+    corners: &mut VecView<Corner>,
+    limit: usize,
+    scratch: &mut [f32],
+    stats: &mut StageStats,
+    pace: &mut dyn Pace,
+) {
+    sort_by_key(corners, by_strength, pace);
     let mut reach = Reach::new(limit);
     if VECTORS {
         let mut list = List::new(corners.len(), scratch);
-        set_radii(corners, &mut reach, &mut list);
+        set_radii(corners, &mut reach, &mut list, pace);
     } else {
         let mut grid = Grid::new(corners, scratch);
-        set_radii(corners, &mut reach, &mut grid);
+        set_radii(corners, &mut reach, &mut grid, pace);
     }
     let all = corners.len();
     corners.retain(|c| c.radius2 >= reach.least);
-    sort_by_key(corners, |c| (Reverse(c.radius2), by_strength(c)));
+    sort_by_key(corners, |c| (Reverse(c.radius2), by_strength(c)), pace);
     corners.truncate(limit);
     stats.dropped += count(all - corners.len());
     stats.kept = count(corners.len());
 }
 
 /// Sets the suppression radii of corners, which are sorted with the strongest first.
-fn set_radii(corners: &mut [Corner], reach: &mut Reach, others: &mut impl Nearest) {
+fn set_radii(corners: &mut [Corner], reach: &mut Reach, others: &mut impl Nearest, pace: &mut dyn Pace) {
     let mut stronger = 0;
     for i in 0..corners.len() {
+        if !pace.goes_on() {
+            return;
+        }
         // Strengths fall. The clearly stronger corners therefore come first, and their number never
         // falls.
         let least = i64::from(corners[i].strength) * 10;
@@ -399,6 +419,7 @@ impl Reach {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::pace::Steady;
     use heapless::Vec;
 
     /// The ranking follows the definition, with room for no cells, for few, or for all.
@@ -422,7 +443,7 @@ mod tests {
         let few = 2 * ALL;
         for (limit, scratch) in [(ALL / 4, few), (ALL / 4, few + 100), (ALL / 4, 9600), (ALL / 22, 9600), (ALL, 9600)] {
             let mut ranked: Vec<Corner, ALL> = Vec::from_slice(&all).unwrap();
-            rank_by_radius(&mut ranked, limit, &mut std::vec![0.0; scratch], &mut StageStats::default());
+            rank_by_radius(&mut ranked, limit, &mut std::vec![0.0; scratch], &mut StageStats::default(), &mut Steady);
             let points = |corners: &[Corner]| corners.iter().map(|c| c.point).collect::<std::vec::Vec<_>>();
             assert_eq!(points(&ranked), points(&want[..limit]), "{limit} of {ALL}, {scratch} numbers");
         }
@@ -441,9 +462,9 @@ mod tests {
         let mut listed: std::vec::Vec<Corner> = (0..ALL).map(corner).collect();
         let mut sorted = listed.clone();
         let (mut a, mut b) = (std::vec![0.0; 9600], std::vec![0.0; 9600]);
-        set_radii(&mut listed, &mut Reach::new(ALL), &mut List::new(ALL, &mut a));
+        set_radii(&mut listed, &mut Reach::new(ALL), &mut List::new(ALL, &mut a), &mut Steady);
         let mut grid = Grid::new(&sorted, &mut b);
-        set_radii(&mut sorted, &mut Reach::new(ALL), &mut grid);
+        set_radii(&mut sorted, &mut Reach::new(ALL), &mut grid, &mut Steady);
         assert_eq!(listed, sorted);
     }
 
@@ -453,7 +474,7 @@ mod tests {
         let mut c: Vec<Corner, 8> =
             Vec::from_slice(&[corner(0, 0, 100), corner(16, 0, 80), corner(32, 0, 85), corner(800, 0, 10)]).unwrap();
         let mut stats = StageStats::default();
-        rank_by_radius(&mut c, 3, &mut [0.0; 8], &mut stats);
+        rank_by_radius(&mut c, 3, &mut [0.0; 8], &mut stats, &mut Steady);
         assert_eq!(c.iter().map(|c| c.point.x).collect::<std::vec::Vec<_>>(), [0, 800, 32]);
         assert_eq!((stats.kept, stats.dropped), (3, 1));
     }

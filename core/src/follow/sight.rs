@@ -6,6 +6,7 @@
 
 use crate::base::geometry::{Homography, area};
 use crate::base::math;
+use crate::base::pace::Steady;
 use crate::detect::align::{Refinement, refine_by};
 use crate::detect::appearance::{Appearance, appearance_of_luma, support};
 use crate::detect::detection::Detection;
@@ -73,8 +74,8 @@ fn align(sight: &Sight<'_>, model: &Model<'_>, track: &Track, start: &Homography
     let last = &track.detection;
     let o = model.object(usize::from(last.object));
     let size = [o.width as f32, o.height as f32];
-    let aligned = refine_by(&STEPS, LEAST_SUPPORT, &sight.view, &o.template, &sight.within(start), size)?;
-    let appearance = appearance_of_luma(&sight.view, &o.template, &aligned, size);
+    let aligned = refine_by(&STEPS, LEAST_SUPPORT, &sight.view, &o.template, &sight.within(start), size, &mut Steady)?;
+    let appearance = appearance_of_luma(&sight.view, &o.template, &aligned, size, &mut Steady);
     let homography = sight.without(&aligned).normalised();
     let d = Detection {
         appearance,

@@ -15,6 +15,7 @@
 use core::ops::Range;
 
 use crate::base::math::{self, VECTORS};
+use crate::base::pace::{Pace, Steady};
 use crate::base::says::says;
 
 /// Value in both chroma planes where a block has no chroma: the block is too dark, or the frame is
@@ -219,8 +220,21 @@ impl<'a> Frame<'a> {
     /// # Panics
     /// May panic when a slice is shorter than that.
     pub fn convert(&self, luma: &mut [u8], a: &mut [i8], b: &mut [i8]) {
-        self.convert_luma(luma);
-        chroma_from(self, a, b);
+        self.convert_at(luma, a, b, &mut Steady);
+    }
+
+    /// Converts the frame as [`Frame::convert`] does, in bands of rows.
+    pub(crate) fn convert_at(&self, luma: &mut [u8], a: &mut [i8], b: &mut [i8], pace: &mut dyn Pace) {
+        let (w, c) = (self.width, self.width / 2);
+        // Each row of chroma stands for two rows of luma. An odd last row has luma alone.
+        for y in (0..self.height.div_ceil(2)).step_by(BAND) {
+            // The frame is converted to its end, so that what is known can be followed.
+            pace.goes_on();
+            let rows = BAND.min(self.height / 2 - y);
+            let luma_rows = (2 * BAND).min(self.height - 2 * y);
+            luma_from(self, 2 * y * w, &mut luma[2 * y * w..][..luma_rows * w]);
+            chroma_from(self, y, &mut a[y * c..][..rows * c], &mut b[y * c..]);
+        }
     }
 }
 
@@ -238,29 +252,31 @@ fn luma_from(frame: &Frame<'_>, first: usize, luma: &mut [u8]) {
     }
 }
 
-/// Fills the chroma planes `a` and `b`.
+/// Number of rows of chroma that are converted at a time.
+const BAND: usize = 4;
+
+/// Fills rows of the chroma planes, from row `first` on: `a` and `b` hold these rows.
 #[cfg_attr(feature = "dispatch", multiversion::multiversion(targets("x86_64+avx2")))]
-fn chroma_from(frame: &Frame<'_>, a: &mut [i8], b: &mut [i8]) {
+fn chroma_from(frame: &Frame<'_>, first: usize, a: &mut [i8], b: &mut [i8]) {
     let (w, h, data) = (frame.width, frame.height, frame.data);
     let n = w * h;
     match frame.format {
         PixelFormat::Gray8 => {
-            let c = (w / 2) * (h / 2);
-            a[..c].fill(NO_CHROMA);
-            b[..c].fill(NO_CHROMA);
+            a.fill(NO_CHROMA);
+            b[..a.len()].fill(NO_CHROMA);
         }
-        PixelFormat::Rgb8 => fill_chroma(w, h, a, b, |y| {
+        PixelFormat::Rgb8 => fill_chroma(w / 2, first, a, b, |y| {
             let [top, low] = rows(data, 3 * w, y).map(|row| row.as_chunks().0);
             move |x| sums_of_rgb8([&top[x], &low[x]])
         }),
-        PixelFormat::Rgb565 => fill_chroma(w, h, a, b, |y| {
+        PixelFormat::Rgb565 => fill_chroma(w / 2, first, a, b, |y| {
             let [top, low] = rows(data, 2 * w, y).map(|row| row.as_chunks().0);
             move |x| {
                 let [p, q, r, s] = [top[2 * x], top[2 * x + 1], low[2 * x], low[2 * x + 1]].map(rgb565);
                 [0, 1, 2].map(|c| p[c] + q[c] + r[c] + s[c])
             }
         }),
-        PixelFormat::Yuyv => fill_chroma(w, h, a, b, |y| {
+        PixelFormat::Yuyv => fill_chroma(w / 2, first, a, b, |y| {
             let [top, low] = rows(data, 2 * w, y).map(|row| &row.as_chunks::<4>().0[..w / 2]);
             move |x| {
                 // Each sum holds the values of two pixels: Y and Y, or U and V.
@@ -275,7 +291,7 @@ fn chroma_from(frame: &Frame<'_>, a: &mut [i8], b: &mut [i8]) {
             let uv = &data[n..];
             // `step` is the distance between neighbours in one plane, `v` the distance from U to V.
             let (step, v) = if frame.format == PixelFormat::Nv12 { (2, 1) } else { (1, n / 4) };
-            fill_chroma(w, h, a, b, |y| {
+            fill_chroma(w / 2, first, a, b, |y| {
                 let [top, low] = rows(data, w, y).map(|row| row.as_chunks().0);
                 let (u, v) = (&uv[y * (w / 2) * step..], &uv[y * (w / 2) * step + v..]);
                 move |x| {
@@ -366,12 +382,17 @@ fn rgb_of_yuv([luma, u, v]: [i32; 3]) -> [i32; 3] {
 /// Number of blocks whose chroma is computed together.
 const STRIP: usize = 64;
 
-/// Fills the chroma planes `a` and `b`. `row(y)(x)` gives the sums of red, green and blue over the
-/// four pixels of block `x` of row `y`.
+/// Fills rows of the chroma planes, from row `first` on. `row(y)(x)` gives the sums of red, green and
+/// blue over the four pixels of block `x` of row `y`.
 #[inline(always)]
-fn fill_chroma<F: Fn(usize) -> [i32; 3]>(w: usize, h: usize, a: &mut [i8], b: &mut [i8], row: impl Fn(usize) -> F) {
-    let width = w / 2;
-    for (y, (a, b)) in (0..h / 2).zip(a.chunks_exact_mut(width).zip(b.chunks_exact_mut(width))) {
+fn fill_chroma<F: Fn(usize) -> [i32; 3]>(
+    width: usize,
+    first: usize,
+    a: &mut [i8],
+    b: &mut [i8],
+    row: impl Fn(usize) -> F,
+) {
+    for (y, (a, b)) in (first..).zip(a.chunks_exact_mut(width).zip(b.chunks_exact_mut(width))) {
         let sums = row(y);
         if VECTORS { fill_by_strips(a, b, &sums) } else { fill_one_by_one(a, b, &sums) }
     }

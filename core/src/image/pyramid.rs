@@ -10,6 +10,7 @@
 
 use crate::base::capacity::{LEVELS, pixels_of};
 use crate::base::geometry::{Homography, Point};
+use crate::base::pace::{Pace, Steady};
 use crate::image::frame::{Frame, FrameError, MAX_SIDE, Part};
 use crate::image::halve::{halve_chroma, halve_luma};
 use crate::image::plane::Plane;
@@ -77,6 +78,11 @@ impl<'a> PyramidMut<'a> {
     /// # Errors
     /// Returns [`FrameError::TooLarge`] when the frame does not fit.
     pub fn load(&mut self, frame: &Frame<'_>) -> Result<(), FrameError> {
+        self.load_at(frame, &mut Steady)
+    }
+
+    /// Converts a frame as [`PyramidMut::load`] does.
+    pub(crate) fn load_at(&mut self, frame: &Frame<'_>, pace: &mut dyn Pace) -> Result<(), FrameError> {
         let (w, h) = (frame.width(), frame.height());
         if !self.fits(w, h) {
             let (pixels, max_pixels) = (w * h, pixels_of(self.luma.len()));
@@ -84,7 +90,7 @@ impl<'a> PyramidMut<'a> {
         }
         *self.size = [w, h];
         let [a, b] = &mut self.chroma;
-        frame.convert(self.luma, a, b);
+        frame.convert_at(self.luma, a, b, pace);
         Ok(())
     }
 
@@ -109,17 +115,22 @@ impl<'a> PyramidMut<'a> {
 
     /// Makes the levels above level 0.
     pub fn reduce(&mut self) {
-        self.reduce_luma();
+        self.reduce_at(&mut Steady);
+    }
+
+    /// Makes the levels above level 0.
+    pub(crate) fn reduce_at(&mut self, pace: &mut dyn Pace) {
+        self.reduce_luma(pace);
         let [width, height] = *self.size;
         for plane in &mut self.chroma {
-            reduce_chroma(plane, width / 2, height / 2);
+            reduce_chroma(plane, width / 2, height / 2, pace);
         }
     }
 
     /// Makes the luma levels above level 0.
-    pub(crate) fn reduce_luma(&mut self) {
+    pub(crate) fn reduce_luma(&mut self, pace: &mut dyn Pace) {
         let [width, height] = *self.size;
-        reduce_all(self.luma, width, height, halve_luma);
+        reduce_all(self.luma, width, height, halve_luma, pace);
     }
 
     /// Turns the planes into a view for the stages, which lives as long as the planes are borrowed.
@@ -138,14 +149,27 @@ impl<'a> PyramidMut<'a> {
     }
 }
 
+/// Number of rows of a level that are made at a time.
+const ROWS: usize = 16;
+
 /// Makes the levels above level 0. Level 0 lies at the start of `data` and has `w` x `h` px. The
 /// other levels follow it. `halve` makes one row of two.
-pub(crate) fn reduce_all<T: Copy>(data: &mut [T], mut w: usize, mut h: usize, halve: impl Fn(&[T], &[T], &mut [T])) {
+pub(crate) fn reduce_all<T: Copy>(
+    data: &mut [T],
+    mut w: usize,
+    mut h: usize,
+    halve: impl Fn(&[T], &[T], &mut [T]),
+    pace: &mut dyn Pace,
+) {
     let mut rest = data;
     for _ in 1..LEVELS {
         let (source, target) = rest.split_at_mut(w * h);
         let (hw, hh) = (w / 2, h / 2);
         for (y, out) in target[..hw * hh].chunks_exact_mut(hw.max(1)).enumerate() {
+            // A level is made to its end, so that what is known can be followed.
+            if y % ROWS == 0 {
+                pace.goes_on();
+            }
             let (top, low) = source[2 * y * w..][..2 * w].split_at(w);
             halve(top, low, out);
         }
@@ -157,8 +181,8 @@ pub(crate) fn reduce_all<T: Copy>(data: &mut [T], mut w: usize, mut h: usize, ha
 /// Makes the levels above level 0 of a chroma plane. The function is not inlined, because boards
 /// have room for one copy of it.
 #[inline(never)]
-fn reduce_chroma(plane: &mut [i8], width: usize, height: usize) {
-    reduce_all(plane, width, height, halve_chroma);
+fn reduce_chroma(plane: &mut [i8], width: usize, height: usize, pace: &mut dyn Pace) {
+    reduce_all(plane, width, height, halve_chroma, pace);
 }
 
 /// All levels of one frame, borrowed.

@@ -24,6 +24,7 @@ use heapless::Vec;
 use crate::base::capacity::{StageStats, TEMPLATE_SIDE, chroma_bytes, count, id, luma_bytes, pixels_of};
 use crate::base::geometry::{Homography, Point};
 use crate::base::math;
+use crate::base::pace::Steady;
 use crate::base::says::says;
 use crate::extract::corners::{Corner, SCRATCH_ROWS, detect_corners};
 use crate::extract::feature::{FeatureKind, extract, signature};
@@ -364,7 +365,7 @@ impl<const LUMA: usize, const CHROMA: usize, const SIDE: usize, const CORNERS: u
         view.reduce();
         let luma = view.into_view().luma(0);
         let scratch = self.scratch.as_flattened_mut();
-        let mut stats = detect_corners(luma, &rules.corners, scratch, &mut self.corners);
+        let mut stats = detect_corners(luma, &rules.corners, scratch, &mut self.corners, &mut Steady);
         let margin = 2.0 / plan.scale;
         let (w, h) = (picture.width() as f32 - 1.0 - margin, picture.height() as f32 - 1.0 - margin);
         self.corners.retain(|c| {
@@ -372,7 +373,7 @@ impl<const LUMA: usize, const CHROMA: usize, const SIDE: usize, const CORNERS: u
             x >= margin && y >= margin && x <= w && y <= h
         });
         let limit = plan.keypoints.min(MAX_VIEW_KEYPOINTS);
-        rank(rules.ranking, &mut self.corners, limit, scratch, &mut stats);
+        rank(rules.ranking, &mut self.corners, limit, scratch, &mut stats, &mut Steady);
     }
 }
 
@@ -456,7 +457,7 @@ impl Sheet<'_> {
         let bytes = &mut self.out[self.layout.templates..self.layout.end];
         let (luma, chroma) = bytes.split_at_mut(plane_bytes(width, height));
         render_luma(picture, &to_loaded, 1.0 / scale[0], width, &mut luma[..width * height]);
-        reduce_all(luma, width, height, halve_luma);
+        reduce_all(luma, width, height, halve_luma, &mut Steady);
         let (a, b) = chroma.split_at_mut(chroma.len() / 2);
         let mut i = 0;
         render_chroma(picture, &to_loaded, 1.0 / scale[0], (width / 2, height / 2), |v| {
@@ -464,7 +465,7 @@ impl Sheet<'_> {
             i += 1;
         });
         for plane in [a, b] {
-            reduce_all(plane, width / 2, height / 2, halve_chroma);
+            reduce_all(plane, width / 2, height / 2, halve_chroma, &mut Steady);
         }
     }
 

@@ -23,7 +23,7 @@ use keygraph_board::{baseline, sample};
 use keygraph_core::stages::digest::Digests;
 use keygraph_core::{Buffer, DEFAULT_THRESHOLD, Frame, MAGIC, Model, Stage, Stats};
 use keygraph_firmware_sim::learn::largest;
-use keygraph_firmware_sim::wire::{FrameHeader, Job, Report, instructions};
+use keygraph_firmware_sim::wire::{FrameHeader, Job, Report, instructions, ticks_of};
 use serde_json::{Value, json};
 
 /// Finds the objects of a model on an emulated board.
@@ -60,6 +60,9 @@ struct Cli {
     /// of the sample are searched, and no arguments are needed
     #[arg(long, conflicts_with_all = ["learn", "camera", "inputs", "format"])]
     baseline: bool,
+    /// Stop each search after this many instructions
+    #[arg(long, value_name = "N", conflicts_with_all = ["check", "baseline"])]
+    budget: Option<u64>,
     /// Search the frames that are hard on a search: patterns, noise, copies of the object
     #[arg(long, conflicts_with_all = ["baseline", "learn", "camera", "inputs"])]
     worst: bool,
@@ -216,6 +219,7 @@ fn searched(cli: &Cli, inputs: &[PathBuf]) -> Result<(bool, Option<Run>)> {
         let digests = Digests::from_values(report.digests);
         let mut stats = Stats::default();
         stats.stages = report.stages;
+        stats.stopped = report.stopped != 0;
         let digests_told = (cli.digests || cli.check).then_some(digests);
         let mut found = Found { digests: digests_told, ..Found::new(detections.to_vec(), stats) };
         found.map_back(shot.scale);
@@ -294,7 +298,12 @@ fn gather(cli: &Cli, inputs: &[PathBuf]) -> Result<(Vec<Shot>, Vec<u8>, bool)> {
     }
     ensure!(!shots.is_empty(), "there is no frame to give to the board");
     let learn = if cli.learn { middle(cli.profile, shots[0].header.size) } else { [0; 2] };
-    let job = Job { threshold: cli.threshold, digests: cli.digests || cli.check, learn };
+    let job = Job {
+        threshold: cli.threshold,
+        digests: cli.digests || cli.check,
+        learn,
+        budget: cli.budget.map_or(0, ticks_of),
+    };
     let mut stream: Vec<u8> = job.encode().iter().flat_map(|w| w.to_le_bytes()).collect();
     stream.append(&mut frames);
     Ok((shots, stream, fine))
@@ -363,6 +372,7 @@ fn line(shot: &Shot, model: &Model<'_>, found: &Found, report: &Report) -> Value
         line.remove("time_ms");
         line.insert("instructions".into(), counts);
         line.insert("stack_bytes".into(), report.stack_bytes.into());
+        line.insert("longest".into(), instructions(report.longest).into());
     }
     line
 }

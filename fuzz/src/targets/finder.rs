@@ -8,6 +8,7 @@ use keygraph_core::stages::corners::Corner;
 use keygraph_core::stages::delaunay::Triple;
 use keygraph_core::stages::finder::Finder;
 use keygraph_core::stages::geometry::Point;
+use keygraph_core::stages::pace::Pace;
 use keygraph_core::stages::plane::Plane;
 use keygraph_core::{Frame, Model, PixelFormat, StageStats, heapless::VecView};
 
@@ -18,7 +19,7 @@ struct Foreign<'a> {
 }
 
 impl Finder for Foreign<'_> {
-    fn keypoints(&mut self, _: Plane<'_, u8>, _: usize, out: &mut VecView<Corner>) -> StageStats {
+    fn keypoints(&mut self, _: Plane<'_, u8>, _: usize, out: &mut VecView<Corner>, _: &mut dyn Pace) -> StageStats {
         let mask = if self.narrow { 0x07ff } else { !0 };
         for _ in 0..self.keypoints {
             let [x, y] = [0; 2].map(|_| (self.input.word() & mask).cast_signed());
@@ -29,7 +30,7 @@ impl Finder for Foreign<'_> {
         StageStats::default()
     }
 
-    fn triples(&mut self, points: &[Point], out: &mut VecView<Triple>) -> StageStats {
+    fn triples(&mut self, points: &[Point], out: &mut VecView<Triple>, _: &mut dyn Pace) -> StageStats {
         // Triples of neighbouring indices, of spread indices, and of indices from the fuzzer.
         let n = u16::try_from(points.len()).unwrap_or(0);
         for i in 2..n {

@@ -9,13 +9,14 @@ use crate::Input;
 use keygraph_core::heapless::Vec as Fixed;
 use keygraph_core::stages::delaunay::{Triangulation, Triple, triangulate};
 use keygraph_core::stages::geometry::{Point, in_circle, orient};
+use keygraph_core::stages::pace::Steady;
 
 const MOST: usize = 120;
 
 fn triangles(points: &[Point], levels: &[usize]) -> Fixed<Triple, 1024> {
     let mut mesh: Triangulation<MOST> = Triangulation::new();
     let mut out = Fixed::new();
-    let stats = triangulate(points, levels, mesh.workspace(), &mut out);
+    let stats = triangulate(points, levels, mesh.workspace(), &mut out, &mut Steady);
     assert_eq!(stats.kept as usize, out.len());
     assert!(out.iter().flatten().all(|&v| usize::from(v) < points.len().min(MOST)), "{out:?}");
     out

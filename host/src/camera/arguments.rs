@@ -4,6 +4,7 @@
 
 use std::net::{SocketAddr, ToSocketAddrs};
 use std::path::PathBuf;
+use std::time::Duration;
 
 use keygraph_core::DEFAULT_THRESHOLD;
 use tracing::level_filters::LevelFilter;
@@ -11,7 +12,7 @@ use tracing::level_filters::LevelFilter;
 use super::cutout::{Outline, parse_outline};
 use super::guard::parse_public;
 use super::mode::Format;
-use crate::search::{Profile, parse_share, parse_threshold};
+use crate::search::{Profile, parse_budget, parse_share, parse_threshold};
 
 /// The default address of the page.
 const USUAL_ADDRESS: &str = "127.0.0.1:8080";
@@ -83,6 +84,10 @@ pub struct Arguments {
     /// less from being taken for each other
     #[arg(long, default_value_t = 0.0, value_name = "SHARE", value_parser = parse_share)]
     pub min_visible: f32,
+    /// Stop the search of a frame after this time, ms, and report what was found; followed objects are
+    /// followed all the same
+    #[arg(long, value_name = "MS", value_parser = parse_budget)]
+    pub budget_ms: Option<Duration>,
     /// Search all of a frame for all of the models whenever it is searched
     #[arg(long)]
     pub thorough: bool,

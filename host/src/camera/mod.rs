@@ -138,6 +138,7 @@ pub fn camera(arguments: &Arguments) -> Result<()> {
     let mut diary = Diary::default();
     let wanted = Request {
         thorough: arguments.thorough,
+        budget: arguments.budget_ms,
         min_visible: arguments.min_visible,
         ..Request::new(arguments.profile, arguments.threshold)
     };

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::time::Duration;
 
 use anyhow::Result;
 use clap::error::ErrorKind;
@@ -11,7 +12,7 @@ use keygraph::output::{Inputs, plain_lines, print_line};
 use keygraph::pose::{Calibration, Width, parse_intrinsics};
 use keygraph::progress::Progress;
 use keygraph::run::{Options, run as search_all};
-use keygraph::search::{Profile, Request, parse_share, parse_threshold};
+use keygraph::search::{Profile, Request, parse_budget, parse_share, parse_threshold};
 use keygraph::sensor::SensorFormat;
 use keygraph::{report, words};
 use keygraph_core::{DEFAULT_THRESHOLD, Intrinsics, Model};
@@ -46,6 +47,10 @@ pub struct Arguments {
     /// taken for the other
     #[arg(long, default_value_t = 0.0, value_name = "SHARE", value_parser = parse_share)]
     min_visible: f32,
+    /// Stop the search of a frame after this time, ms, and report what was found; followed objects are
+    /// followed all the same
+    #[arg(long, value_name = "MS", value_parser = parse_budget)]
+    budget_ms: Option<Duration>,
     /// Report all objects that could be at a place, and not the best alone
     #[arg(long, conflicts_with = "track")]
     all_names: bool,
@@ -99,6 +104,7 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode> {
     let calibration = arguments.calibration(&model);
     let options = Options {
         request: Request {
+            budget: arguments.budget_ms,
             min_visible: arguments.min_visible,
             all_names: arguments.all_names,
             format: arguments.format.map(|f| f.0),
