@@ -9,6 +9,7 @@ use std::io;
 use std::net::{SocketAddr, TcpListener};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
+use std::time::Instant;
 
 use anyhow::{Context, Result};
 use tokio::signal::unix::{Signal, SignalKind, signal};
@@ -162,14 +163,17 @@ fn serve(
             tracing::error!("the page is gone: {error}");
         }
         let _ = stopped.wait_for(|&s| s).await;
+        // The look-up of a broker's name cannot be stopped; the program does not wait for it.
+        let end = Instant::now() + FAREWELL / 2;
         if let Some(publishing) = publishing {
             // The task ends by itself; a panic in it was printed already.
             let _ = publishing.await;
         }
+        end.saturating_duration_since(Instant::now())
     };
     Ok(thread::Builder::new().name("network".into()).spawn(move || {
-        runtime.block_on(served);
-        runtime.shutdown_timeout(FAREWELL);
+        let left = runtime.block_on(served);
+        runtime.shutdown_timeout(left);
     })?)
 }
 
