@@ -2,14 +2,12 @@
 //!
 //! In: arguments of the command line. Out: [`Broker`]. Memory and cost: none.
 
-use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::{Context, Result, bail, ensure};
-use rustls::ClientConfig;
 
 use super::super::arguments::Publishing;
-use super::tls;
+use super::tls::{self, Encryption};
 use super::topics::{Topics, check_prefix, level};
 
 /// A broker, and what to publish there.
@@ -22,7 +20,7 @@ pub struct Broker {
     /// User and password.
     pub login: Option<(String, String)>,
     /// How to encrypt; `None`: not at all.
-    pub tls: Option<Arc<ClientConfig>>,
+    pub tls: Option<Encryption>,
     /// The names of the topics.
     pub topics: Topics,
     /// Minimum time between two lines.

@@ -8,10 +8,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use rumqttc::{
-    AsyncClient, ConnectionError, Event, EventLoop, LastWill, MqttOptions, Packet, QoS, StateError, TlsConfiguration,
-    TlsError, Transport,
-};
+use rumqttc::{AsyncClient, ConnectionError, Event, EventLoop, LastWill, MqttOptions, Packet, QoS};
 use tokio::sync::watch;
 use tokio::time::sleep;
 
@@ -43,7 +40,7 @@ pub fn client(broker: &Broker) -> (AsyncClient, EventLoop) {
         options.set_credentials(user, password.clone());
     }
     if let Some(tls) = &broker.tls {
-        options.set_transport(Transport::tls_with_config(TlsConfiguration::Rustls(Arc::clone(tls))));
+        tls.apply_to(&mut options);
     }
     AsyncClient::builder(options).capacity(QUEUE).build()
 }
@@ -89,7 +86,7 @@ pub async fn keep_connected(
             Ok(_) => {}
             Err(error) => {
                 up.send_replace(false);
-                let reason = explain(&error, broker.tls.is_some());
+                let reason = explain(&error);
                 if told.as_ref() != Some(&reason) {
                     tracing::warn!("no broker at {}: {reason}; trying again", broker.place());
                     told = Some(reason);
@@ -102,28 +99,11 @@ pub async fn keep_connected(
 }
 
 /// The reason why there is no connection, and what to do about it.
-fn explain(error: &ConnectionError, is_encrypted: bool) -> String {
-    use std::io::ErrorKind::{ConnectionAborted, ConnectionReset, UnexpectedEof};
-    let io = match error {
-        ConnectionError::Io(io)
-        | ConnectionError::Tls(TlsError::Io(io))
-        | ConnectionError::MqttState(StateError::Io(io)) => Some(io),
-        _ => None,
-    };
-    let inner = io.and_then(|io| io.get_ref()?.downcast_ref::<rustls::Error>());
-    let advice = match (error, inner) {
-        (_, Some(inner)) | (ConnectionError::Tls(TlsError::TLS(inner)), _) => tls::advice(inner),
-        (ConnectionError::Tls(TlsError::Io(io)), _)
-            if matches!(io.kind(), ConnectionAborted | ConnectionReset | UnexpectedEof) =>
-        {
-            Some("it ended the connection when TLS began: use mqtt://, or the port for TLS")
-        }
-        (ConnectionError::ConnectionRefused(_), _) => {
-            Some("user or password are wrong, or the broker is closed to them")
-        }
-        (ConnectionError::MqttState(_) | ConnectionError::NotConnAck(_), _) if !is_encrypted => None,
-        (ConnectionError::NetworkTimeout, _) => Some("it does not answer"),
-        _ => None,
+fn explain(error: &ConnectionError) -> String {
+    let advice = match error {
+        ConnectionError::ConnectionRefused(_) => Some("it refuses this user and password"),
+        ConnectionError::NetworkTimeout => Some("it does not answer"),
+        other => tls::advice(other),
     };
     advice.map_or_else(|| error.to_string(), |advice| format!("{advice} ({error})"))
 }

@@ -19,7 +19,7 @@
 //! - [`topics`]: names of topics
 //! - [`messages`]: payloads
 //! - [`board`]: what the broker should hold
-//! - [`tls`]: encrypted connections
+//! - [`tls`]: encrypted connections (without the feature `tls`: `no_tls`, which refuses them)
 //! - [`broker`]: the address of the broker
 //! - [`link`]: the connection
 //!
@@ -28,6 +28,10 @@
 pub mod topics;
 pub mod messages;
 pub mod board;
+#[cfg(feature = "tls")]
+pub mod tls;
+#[cfg(not(feature = "tls"))]
+#[path = "no_tls.rs"]
 pub mod tls;
 pub mod broker;
 pub mod link;

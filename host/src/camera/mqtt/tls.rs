@@ -5,20 +5,33 @@
 //!
 //! Memory: the authorities, some 100 kB. Cost: a handshake a connection.
 
+use std::io::ErrorKind;
 use std::path::Path;
 use std::sync::Arc;
 
 use anyhow::{Context, Result, ensure};
+use rumqttc::{ConnectionError, MqttOptions, StateError, TlsConfiguration, TlsError, Transport};
 use rustls::pki_types::pem::PemObject;
 use rustls::pki_types::{CertificateDer, PrivateKeyDer};
 use rustls::{AlertDescription, CertificateError, ClientConfig, Error, RootCertStore, crypto::ring};
+
+/// How to encrypt connections.
+#[derive(Clone, Debug)]
+pub struct Encryption(Arc<ClientConfig>);
+
+impl Encryption {
+    /// Makes a client encrypt its connections.
+    pub fn apply_to(&self, options: &mut MqttOptions) {
+        options.set_transport(Transport::tls_with_config(TlsConfiguration::Rustls(Arc::clone(&self.0))));
+    }
+}
 
 /// Makes the configuration of connections. `ca` has the authorities to trust, by default those
 /// of the system; `own` has the certificate and the key that this program shows.
 ///
 /// # Errors
 /// When a file cannot be read or is not what it should be, or the system has no authorities.
-pub fn configuration(ca: Option<&Path>, own: Option<(&Path, &Path)>) -> Result<Arc<ClientConfig>> {
+pub fn configuration(ca: Option<&Path>, own: Option<(&Path, &Path)>) -> Result<Encryption> {
     let mut roots = RootCertStore::empty();
     match ca {
         Some(file) => {
@@ -37,14 +50,14 @@ pub fn configuration(ca: Option<&Path>, own: Option<(&Path, &Path)>) -> Result<A
     let builder = ClientConfig::builder_with_provider(Arc::new(ring::default_provider()))
         .with_safe_default_protocol_versions()?
         .with_root_certificates(roots);
-    let Some((certificate, key)) = own else { return Ok(Arc::new(builder.with_no_client_auth())) };
+    let Some((certificate, key)) = own else { return Ok(Encryption(Arc::new(builder.with_no_client_auth()))) };
     let chain = certificates(certificate)?;
     let secret = PrivateKeyDer::from_pem_file(key)
         .with_context(|| format!("{} has no private key in PEM that is not encrypted", key.display()))?;
     let configuration = builder
         .with_client_auth_cert(chain, secret)
         .with_context(|| format!("the key {} does not go with {}", key.display(), certificate.display()))?;
-    Ok(Arc::new(configuration))
+    Ok(Encryption(Arc::new(configuration)))
 }
 
 /// The certificates in a file.
@@ -55,9 +68,27 @@ fn certificates(file: &Path) -> Result<Vec<CertificateDer<'static>>> {
     Ok(found)
 }
 
-/// What is wrong, and what to do about it. `None` when the error says it well enough.
+/// What is wrong, and what to do about it. `None` when it is nothing of TLS, or the error says
+/// it well enough.
 #[must_use]
-pub fn advice(error: &Error) -> Option<&'static str> {
+pub fn advice(error: &ConnectionError) -> Option<&'static str> {
+    use ErrorKind::{ConnectionAborted, ConnectionReset, UnexpectedEof};
+    let io = match error {
+        ConnectionError::Tls(TlsError::TLS(error)) => return advice_on(error),
+        ConnectionError::Tls(TlsError::Io(io))
+            if matches!(io.kind(), ConnectionAborted | ConnectionReset | UnexpectedEof) =>
+        {
+            return Some("it ended the connection when TLS began: use mqtt://, or the port for TLS");
+        }
+        ConnectionError::Io(io)
+        | ConnectionError::Tls(TlsError::Io(io))
+        | ConnectionError::MqttState(StateError::Io(io)) => io,
+        _ => return None,
+    };
+    advice_on(io.get_ref()?.downcast_ref()?)
+}
+
+fn advice_on(error: &Error) -> Option<&'static str> {
     Some(match error {
         Error::InvalidCertificate(reason) => match reason {
             CertificateError::UnknownIssuer | CertificateError::BadSignature => {
