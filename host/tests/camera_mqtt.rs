@@ -316,7 +316,7 @@ fn openssl(folder: &Folder, arguments: &str) -> bool {
 fn make_certificates(folder: &Folder) -> bool {
     const KEY: &str = "-newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes";
     let settings = "[ca]\ndefault_ca=all\n[all]\ndatabase=index.txt\nnew_certs_dir=.\ndefault_md=sha256\npolicy=names\n\
-                    unique_subject=no\n[names]\ncommonName=supplied\n[leaf]\nsubjectAltName=IP:127.0.0.1\n\
+                    unique_subject=no\nrand_serial=yes\n[names]\ncommonName=supplied\n[leaf]\nsubjectAltName=IP:127.0.0.1\n\
                     basicConstraints=CA:FALSE\n";
     folder.file("ca.cnf", settings.as_bytes());
     folder.file("index.txt", b"");
@@ -329,7 +329,7 @@ fn make_certificates(folder: &Folder) -> bool {
         [("server", "-days 2"), ("client", "-days 2"), ("old", "-startdate 20200101000000Z -enddate 20210101000000Z")]
     {
         openssl(folder, &format!("req -new {KEY} -keyout {name}.key -out {name}.csr -subj /CN={name}"));
-        let authority = "ca -config ca.cnf -batch -rand_serial -notext -cert ca.pem -keyfile ca.key -extensions leaf";
+        let authority = "ca -config ca.cnf -batch -notext -cert ca.pem -keyfile ca.key -extensions leaf";
         openssl(folder, &format!("{authority} -in {name}.csr -out {name}.pem {dates}"));
     }
     true

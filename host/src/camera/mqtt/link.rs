@@ -86,10 +86,13 @@ pub async fn keep_connected(
             Ok(_) => {}
             Err(error) => {
                 up.send_replace(false);
-                let reason = explain(&error);
-                if told.as_ref() != Some(&reason) {
-                    tracing::warn!("no broker at {}: {reason}; trying again", broker.place());
-                    told = Some(reason);
+                let advice = advice(&error);
+                // The text of an error may have a time in it.
+                let kind = advice.map_or_else(|| error.to_string(), str::to_string);
+                if told.as_ref() != Some(&kind) {
+                    let detail = advice.map_or_else(String::new, |_| format!(" ({error})"));
+                    tracing::warn!("no broker at {}: {kind}{detail}; trying again", broker.place());
+                    told = Some(kind);
                 }
                 sleep(pause).await;
                 pause = (pause * 2).min(most);
@@ -98,12 +101,12 @@ pub async fn keep_connected(
     }
 }
 
-/// The reason why there is no connection, and what to do about it.
-fn explain(error: &ConnectionError) -> String {
-    let advice = match error {
+/// The reason why there is no connection, and what to do about it. `None` when the error says
+/// it well enough.
+fn advice(error: &ConnectionError) -> Option<&'static str> {
+    match error {
         ConnectionError::ConnectionRefused(_) => Some("it refuses this user and password"),
         ConnectionError::NetworkTimeout => Some("it does not answer"),
         other => tls::advice(other),
-    };
-    advice.map_or_else(|| error.to_string(), |advice| format!("{advice} ({error})"))
+    }
 }

@@ -5,12 +5,12 @@
 //!
 //! Memory: the authorities, some 100 kB. Cost: a handshake a connection.
 
-use std::io::ErrorKind;
+use std::io::{self, ErrorKind};
 use std::path::Path;
 use std::sync::Arc;
 
 use anyhow::{Context, Result, ensure};
-use rumqttc::{ConnectionError, MqttOptions, StateError, TlsConfiguration, TlsError, Transport};
+use rumqttc::{ConnectionError, MqttOptions, TlsConfiguration, TlsError, Transport};
 use rustls::pki_types::pem::PemObject;
 use rustls::pki_types::{CertificateDer, PrivateKeyDer};
 use rustls::{AlertDescription, CertificateError, ClientConfig, Error, RootCertStore, crypto::ring};
@@ -73,19 +73,28 @@ fn certificates(file: &Path) -> Result<Vec<CertificateDer<'static>>> {
 #[must_use]
 pub fn advice(error: &ConnectionError) -> Option<&'static str> {
     use ErrorKind::{ConnectionAborted, ConnectionReset, UnexpectedEof};
-    let io = match error {
-        ConnectionError::Tls(TlsError::TLS(error)) => return advice_on(error),
+    match error {
         ConnectionError::Tls(TlsError::Io(io))
             if matches!(io.kind(), ConnectionAborted | ConnectionReset | UnexpectedEof) =>
         {
-            return Some("it ended the connection when TLS began: use mqtt://, or the port for TLS");
+            Some("it ended the connection when TLS began: use mqtt://, or the port for TLS")
         }
-        ConnectionError::Io(io)
-        | ConnectionError::Tls(TlsError::Io(io))
-        | ConnectionError::MqttState(StateError::Io(io)) => io,
-        _ => return None,
-    };
-    advice_on(io.get_ref()?.downcast_ref()?)
+        _ => advice_on(cause(error)?),
+    }
+}
+
+/// The error of rustls behind an error of the client. It may be inside an error of
+/// input and output, which does not name it as its source.
+fn cause(error: &ConnectionError) -> Option<&Error> {
+    let mut next: Option<&(dyn std::error::Error + 'static)> = Some(error);
+    while let Some(error) = next {
+        let inside = error.downcast_ref::<io::Error>().and_then(|io| io.get_ref()?.downcast_ref());
+        if let Some(found) = inside.or_else(|| error.downcast_ref()) {
+            return Some(found);
+        }
+        next = error.source();
+    }
+    None
 }
 
 fn advice_on(error: &Error) -> Option<&'static str> {
