@@ -17,7 +17,7 @@
 //! A file uses only files above it:
 //!
 //! - [`topics`]: names of topics
-//! - [`messages`]: payloads
+//! - [`messages`]: payloads of messages
 //! - [`board`]: what the broker should hold
 //! - [`tls`]: encrypted connections (without the feature `tls`: `no_tls`, which refuses them)
 //! - [`broker`]: the address of the broker
