@@ -1,23 +1,26 @@
-//! `keygraph camera --mqtt` with a real broker, Mosquitto, which is restarted during the
-//! test.
+//! `keygraph camera --mqtt` with a real broker, Mosquitto, which is restarted, encrypted and
+//! stopped during the tests.
 //!
-//! In: the sequence of the repository. Out: the messages that a subscriber receives. Skipped
-//! when there is no Mosquitto.
+//! In: the sequence of the repository. Out: the messages that a subscriber receives; each of
+//! them is checked against `docs/schema/mqtt.json`. Skipped when there is no Mosquitto; the
+//! test of TLS also when there is no OpenSSL.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
 
 mod camera_live;
 mod program;
 
-use std::io::{BufRead, BufReader, Write};
+use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{TcpListener, TcpStream};
+use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::sync::mpsc::{Receiver, channel};
 use std::thread;
 use std::time::{Duration, Instant};
 
 use camera_live::{LIMIT, Live};
+use jsonschema::Validator;
 use program::{Folder, keygraph, picture};
-use serde_json::Value;
+use serde_json::{Value, json};
 
 /// A process that is killed when dropped.
 struct Process(Child);
@@ -29,23 +32,27 @@ impl Drop for Process {
     }
 }
 
-fn broker(port: u16) -> Option<Process> {
+/// Whether a test may be left out since `package` is missing, which is said aloud.
+fn skip(package: &str) {
+    assert!(std::env::var_os("KEYGRAPH_MUST_NOT_SKIP").is_none(), "no {package}, and nothing may be skipped");
+    let _ = writeln!(std::io::stderr(), "SKIPPED: no {package}: sudo apt-get install {package}");
+}
+
+fn free_port() -> u16 {
+    TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
+}
+
+/// Starts Mosquitto with `arguments`, and waits until it listens at `port`.
+fn broker_with(port: u16, arguments: &[&str]) -> Option<Process> {
     // Debian installs servers in a folder that is in the path of root only.
     let start = |program: &str| {
-        let port = port.to_string();
-        Command::new(program)
-            .args(["-p", &port])
-            .stdin(Stdio::null())
-            .stdout(Stdio::null())
-            .stderr(Stdio::null())
-            .spawn()
-            .ok()
+        let mut command = Command::new(program);
+        command.args(arguments).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).spawn().ok()
     };
     let broker = start("mosquitto").or_else(|| start("/usr/sbin/mosquitto"));
     let subscriber = Command::new("mosquitto_sub").arg("--help").output().is_ok();
     let Some(broker) = broker.map(Process).filter(|_| subscriber) else {
-        assert!(std::env::var_os("KEYGRAPH_MUST_NOT_SKIP").is_none(), "no Mosquitto, and nothing may be skipped");
-        let _ = writeln!(std::io::stderr(), "SKIPPED: no Mosquitto: sudo apt-get install mosquitto mosquitto-clients");
+        skip("mosquitto mosquitto-clients");
         return None;
     };
     let end = Instant::now() + LIMIT;
@@ -56,23 +63,62 @@ fn broker(port: u16) -> Option<Process> {
     Some(broker)
 }
 
-/// The messages published under `test/`: topic, whether retained, payload.
+fn broker(port: u16) -> Option<Process> {
+    broker_with(port, &["-p", &port.to_string()])
+}
+
+/// The schema of the messages under each topic.
+struct Schema([(&'static str, Validator); 3]);
+
+impl Schema {
+    fn new() -> Self {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/schema/mqtt.json");
+        let all: Value = serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap();
+        let of = |name| {
+            let schema = json!({"$schema": all["$schema"], "$ref": format!("#/$defs/{name}"), "$defs": all["$defs"]});
+            jsonschema::draft202012::new(&schema).unwrap()
+        };
+        Self([("test/objects/", of("object")), ("test/detections", of("detections")), ("home/", of("config"))])
+    }
+
+    fn check(&self, topic: &str, payload: &str) {
+        if topic == "test/status" {
+            return assert!(["online", "offline"].contains(&payload), "{payload}");
+        }
+        let validator = &self.0.iter().find(|(start, _)| topic.starts_with(start)).expect(topic).1;
+        if !payload.is_empty() {
+            let message = serde_json::from_str(payload).unwrap();
+            let errors: Vec<_> =
+                validator.iter_errors(&message).map(|e| format!("{} {e}", e.instance_path())).collect();
+            assert!(errors.is_empty(), "{topic}: {errors:?} in {payload}");
+        }
+    }
+}
+
+/// The messages published under `test/` and `home/`: topic, whether retained, payload.
 struct Subscriber {
     _process: Process,
     messages: Receiver<String>,
+    schema: Schema,
 }
 
 impl Subscriber {
     fn new(port: u16) -> Self {
+        Self::with(port, &[])
+    }
+
+    fn with(port: u16, arguments: &[&str]) -> Self {
         let mut child = Command::new("mosquitto_sub")
-            .args(["-p", &port.to_string(), "-t", "test/#", "-q", "1", "-F", "%t %r %p"])
+            .args(["-h", "127.0.0.1", "-p", &port.to_string()])
+            .args(["-t", "test/#", "-t", "home/#", "-q", "1", "-F", "%t %r %p"])
+            .args(arguments)
             .stdout(Stdio::piped())
             .spawn()
             .unwrap();
         let out = child.stdout.take().unwrap();
         let (sender, messages) = channel();
         thread::spawn(move || BufReader::new(out).lines().map_while(Result::ok).try_for_each(|l| sender.send(l)));
-        Self { _process: Process(child), messages }
+        Self { _process: Process(child), messages, schema: Schema::new() }
     }
 
     /// The payload of the next message of a topic for which `is_right` holds.
@@ -85,6 +131,9 @@ impl Subscriber {
             let message = message.unwrap_or_else(|_| panic!("nothing right under {topic}; but:\n{}", seen.join("\n")));
             let mut parts = message.splitn(3, ' ');
             let (at, payload) = (parts.next().unwrap(), parts.nth(1).unwrap());
+            if !payload.contains("left by") {
+                self.schema.check(at, payload);
+            }
             if at == topic && is_right(payload) {
                 return payload.to_string();
             }
@@ -93,25 +142,59 @@ impl Subscriber {
     }
 }
 
+/// Publishes a retained message.
+fn retain(port: u16, topic: &str, payload: &str) {
+    let port = port.to_string();
+    let arguments = ["-h", "127.0.0.1", "-p", &port, "-t", topic, "-m", payload, "-r", "-q", "1"];
+    assert!(Command::new("mosquitto_pub").args(arguments).status().unwrap().success());
+}
+
+/// A folder with one frame that shows the astronaut, and a model of it under `name`.
+struct Scene {
+    folder: Folder,
+    frames: String,
+    model: String,
+}
+
+impl Scene {
+    fn new(name: &str, object: &str) -> Self {
+        let folder = Folder::new(name);
+        let text = |name: &str| folder.join(name).to_str().unwrap().to_string();
+        let (frames, model) = (text("frames"), text("model.kgm"));
+        let picture = picture("astronaut");
+        let arguments = ["train", picture.to_str().unwrap(), "--name", object, "--preset", "compact", "-o", &model];
+        keygraph(&arguments).ended_with(0);
+        std::fs::create_dir(&frames).unwrap();
+        std::fs::copy(program::frame(2), folder.join("frames/0.jpg")).unwrap();
+        Self { folder, frames, model }
+    }
+
+    fn start(&self, fps: &str, url: &str, more: &[&str]) -> Live {
+        let arguments = ["--replay", &self.frames, "--fps", fps, "-m", &self.model, "--mqtt", url];
+        Live::start(&[&arguments, more].concat())
+    }
+
+    fn path(&self, name: &str) -> String {
+        self.folder.join(name).to_str().unwrap().to_string()
+    }
+}
+
+fn is_state(payload: &str, states: &[&str]) -> bool {
+    serde_json::from_str::<Value>(payload).is_ok_and(|p| states.iter().any(|s| p["state"] == *s))
+}
+
+fn is_found(payload: &str) -> bool {
+    is_state(payload, &["found", "tracked"])
+}
+
 #[test]
 fn a_broker_that_is_restarted() {
-    let folder = Folder::new("broker");
-    let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+    let port = free_port();
     let Some(first) = broker(port) else { return };
-    let model = folder.join("astronaut.kgm");
-    let model = model.to_str().unwrap();
-    keygraph(&["train", picture("astronaut").to_str().unwrap(), "--preset", "compact", "-o", model]).ended_with(0);
-    std::fs::create_dir(folder.join("frames")).unwrap();
-    std::fs::copy(program::frame(2), folder.join("frames/0.jpg")).unwrap();
-    let frames = folder.join("frames");
+    let scene = Scene::new("broker", "astronaut");
     let url = format!("mqtt://127.0.0.1:{port}/test");
     let subscriber = Subscriber::new(port);
-    let arguments = ["--replay", frames.to_str().unwrap(), "--fps", "5", "-m", model, "--mqtt", &url];
-    let mut live = Live::start(&arguments);
-    let is_found = |payload: &str| {
-        let payload: Value = serde_json::from_str(payload).unwrap();
-        payload["state"] == "found" || payload["state"] == "tracked"
-    };
+    let mut live = scene.start("5", &url, &[]);
     subscriber.wait_for("test/status", |p| p == "online");
     subscriber.wait_for("test/objects/astronaut", is_found);
     let line = subscriber.wait_for("test/detections", |_| true);
@@ -131,12 +214,181 @@ fn a_broker_that_is_restarted() {
     assert!(after > line["frame"].as_u64().unwrap(), "frames go on while the broker is away");
 
     live.signal("TERM");
+    subscriber.wait_for("test/objects/astronaut", |p| is_state(p, &["gone"]));
     subscriber.wait_for("test/status", |p| p == "offline");
     assert!(live.end().0.success());
 
     // When the program is killed, the broker publishes its last will.
-    let live = Live::start(&arguments);
+    let live = scene.start("5", &url, &[]);
     subscriber.wait_for("test/status", |p| p == "online");
     live.signal("KILL");
     subscriber.wait_for("test/status", |p| p == "offline");
+}
+
+#[test]
+fn names_of_any_kind_and_what_other_runs_left() {
+    let port = free_port();
+    let Some(_broker) = broker(port) else { return };
+    let name = "a/b\u{1} é";
+    let scene = Scene::new("names", name);
+    retain(port, "test/objects/old", "left by a program that died");
+    retain(port, "home/binary_sensor/keygraph_test/old/config", "left by a program that died");
+    retain(port, "test/status", "offline");
+    let subscriber = Subscriber::new(port);
+    let url = format!("mqtt://127.0.0.1:{port}/test");
+    let mut live = scene.start("5", &url, &["--mqtt-discovery", "home"]);
+    subscriber.wait_for("test/status", |p| p == "online");
+    let config = subscriber.wait_for("home/binary_sensor/keygraph_test/a_2Fb_01_20_C3_A9/config", |_| true);
+    let config: Value = serde_json::from_str(&config).unwrap();
+    let topic = "test/objects/a%2Fb%01%20%C3%A9";
+    assert_eq!([&config["name"], &config["state_topic"], &config["availability_topic"]], [name, topic, "test/status"]);
+    let state = subscriber.wait_for(topic, is_found);
+    assert_eq!(serde_json::from_str::<Value>(&state).unwrap()["object"], name);
+
+    // A last will of an earlier run may come late.
+    retain(port, "test/status", "offline");
+    subscriber.wait_for("test/status", |p| p == "offline");
+    subscriber.wait_for("test/status", |p| p == "online");
+
+    live.signal("TERM");
+    subscriber.wait_for(topic, |p| is_state(p, &["gone"]));
+    subscriber.wait_for("test/status", |p| p == "offline");
+    assert!(live.end().0.success());
+    // What stays with the broker.
+    let late = Subscriber::new(port);
+    let mut kept: Vec<String> = (0..3).map(|_| late.messages.recv_timeout(LIMIT).unwrap()).collect();
+    kept.sort();
+    assert!(kept[0].starts_with("home/binary_sensor/keygraph_test/a_2F"), "{kept:?}");
+    assert!(kept[1].starts_with(topic) && kept[1].contains("gone"), "{kept:?}");
+    assert_eq!(kept[2], "test/status 1 offline");
+    assert!(late.messages.recv_timeout(Duration::from_millis(500)).is_err(), "leftovers were not removed");
+}
+
+#[test]
+fn lines_at_a_limited_rate() {
+    let port = free_port();
+    let Some(_broker) = broker(port) else { return };
+    let scene = Scene::new("rate", "astronaut");
+    let subscriber = Subscriber::new(port);
+    let _live = scene.start("20", &format!("mqtt://127.0.0.1:{port}/test"), &["--mqtt-rate", "1"]);
+    let frames: [u64; 3] = std::array::from_fn(|_| {
+        let line = subscriber.wait_for("test/detections", |_| true);
+        serde_json::from_str::<Value>(&line).unwrap()["frame"].as_u64().unwrap()
+    });
+    assert!(frames[2] - frames[1] >= 5, "about 20 frames apart: {frames:?}");
+}
+
+#[test]
+fn a_broker_that_stops_answering_does_not_delay_the_end() {
+    let scene = Scene::new("silent", "astronaut");
+    // Accepts the client or not, and then says nothing.
+    for accepts in [true, false] {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let port = listener.local_addr().unwrap().port();
+        let silent = thread::spawn(move || {
+            let mut stream = listener.accept().unwrap().0;
+            stream.read_exact(&mut [0]).unwrap();
+            if accepts {
+                stream.write_all(&[0x20, 2, 0, 0]).unwrap();
+            }
+            stream
+        });
+        let mut live = scene.start("5", &format!("mqtt://127.0.0.1:{port}/test"), &[]);
+        let _stream = silent.join().unwrap();
+        live.wait_for(if accepts { "connected to the broker" } else { "found" });
+        live.signal("TERM");
+        let (status, _, time) = live.end();
+        assert!(status.success(), "{status}");
+        assert!(time < Duration::from_secs(2), "accepts: {accepts}; ended after {time:?}");
+    }
+}
+
+/// Runs OpenSSL in a folder; false if there is none.
+fn openssl(folder: &Folder, arguments: &str) -> bool {
+    let run = Command::new("openssl").args(arguments.split_whitespace()).current_dir(&folder.0).output();
+    let Ok(run) = run else { return false };
+    assert!(run.status.success(), "{arguments}: {}", String::from_utf8_lossy(&run.stderr));
+    true
+}
+
+/// Makes authorities `ca` and `other`, and certificates `server`, `old` (expired) and `client`
+/// of `ca`. False if there is no OpenSSL.
+fn make_certificates(folder: &Folder) -> bool {
+    const KEY: &str = "-newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes";
+    let settings = "[ca]\ndefault_ca=all\n[all]\ndatabase=index.txt\nnew_certs_dir=.\ndefault_md=sha256\npolicy=names\n\
+                    unique_subject=no\nrand_serial=yes\n[names]\ncommonName=supplied\n[leaf]\nsubjectAltName=IP:127.0.0.1\n\
+                    basicConstraints=CA:FALSE\n";
+    folder.file("ca.cnf", settings.as_bytes());
+    folder.file("index.txt", b"");
+    for name in ["ca", "other"] {
+        if !openssl(folder, &format!("req -x509 {KEY} -keyout {name}.key -out {name}.pem -days 2 -subj /CN={name}")) {
+            return false;
+        }
+    }
+    for (name, dates) in
+        [("server", "-days 2"), ("client", "-days 2"), ("old", "-startdate 20200101000000Z -enddate 20210101000000Z")]
+    {
+        openssl(folder, &format!("req -new {KEY} -keyout {name}.key -out {name}.csr -subj /CN={name}"));
+        let authority = "ca -config ca.cnf -batch -notext -cert ca.pem -keyfile ca.key -extensions leaf";
+        openssl(folder, &format!("{authority} -in {name}.csr -out {name}.pem {dates}"));
+    }
+    true
+}
+
+#[test]
+fn an_encrypted_broker() {
+    let plain = free_port();
+    let Some(_plain) = broker(plain) else { return };
+    let scene = Scene::new("tls", "astronaut");
+    if !make_certificates(&scene.folder) {
+        return skip("openssl");
+    }
+    let encrypted = |certificate: &str| {
+        let port = free_port();
+        let file = |name: &str| scene.path(name);
+        let settings = format!(
+            "user root\nlistener {port} 127.0.0.1\nallow_anonymous true\nrequire_certificate true\n\
+             cafile {}\ncertfile {}\nkeyfile {}\n",
+            file("ca.pem"),
+            file(&format!("{certificate}.pem")),
+            file(&format!("{certificate}.key"))
+        );
+        let settings = scene.folder.file(&format!("{certificate}.conf"), settings.as_bytes());
+        (port, broker_with(port, &["-c", settings.to_str().unwrap()]).unwrap())
+    };
+    let (port, _right) = encrypted("server");
+    let (expired, _expired) = encrypted("old");
+    let [ca, other, cert, key] = ["ca.pem", "other.pem", "client.pem", "client.key"].map(|name| scene.path(name));
+    let own = ["--mqtt-cert", &cert, "--mqtt-key", &key];
+    let with = |authority| [&["--mqtt-ca", authority], &own[..]].concat();
+
+    let files = ["--cafile", &ca, "--cert", &cert, "--key", &key];
+    let subscriber = Subscriber::with(port, &files);
+    let mut live = scene.start("5", &format!("mqtts://127.0.0.1:{port}/test"), &with(&ca));
+    subscriber.wait_for("test/status", |p| p == "online");
+    subscriber.wait_for("test/objects/astronaut", is_found);
+    live.signal("TERM");
+    subscriber.wait_for("test/status", |p| p == "offline");
+    assert!(live.end().0.success());
+
+    for (scheme, port, arguments, words) in [
+        ("mqtts", port, with(&other), "not signed by an authority that is trusted"),
+        ("mqtts", port, vec!["--mqtt-ca", &ca], "wants a certificate from this program"),
+        ("mqtts", expired, with(&ca), "has expired"),
+        ("mqtts", plain, with(&ca), "use mqtt://"),
+        ("mqtt", port, vec![], "no broker at"),
+    ] {
+        let mut live = scene.start("5", &format!("{scheme}://127.0.0.1:{port}/test"), &arguments);
+        let line = live.wait_for("no broker at");
+        assert!(line.contains(words), "{words}: {line}");
+    }
+
+    let camera = |url: &str, more: &[&str]| {
+        let arguments = ["camera", "--replay", &scene.frames, "-m", &scene.model, "--mqtt", url];
+        keygraph(&[&arguments, more].concat())
+    };
+    camera("mqtts://a", &["--mqtt-ca", &key]).refused_with(&["client.key", "no certificate"]);
+    camera("mqtts://a", &["--mqtt-ca", &ca, "--mqtt-cert", &cert, "--mqtt-key", &cert])
+        .refused_with(&["client.pem", "no private key"]);
+    camera("mqtt://a", &["--mqtt-ca", &ca]).refused_with(&["mqtts://"]);
 }

@@ -59,6 +59,30 @@ impl Origin {
     }
 }
 
+/// The broker that results are published to.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Publishing {
+    /// Publish results to a broker: `mqtt://[USER:PASSWORD@]HOST[:PORT][/PREFIX]`, or `mqtts://`
+    /// for TLS
+    #[arg(long, value_name = "URL", env = "KEYGRAPH_MQTT", hide_env_values = true)]
+    pub mqtt: Option<String>,
+    /// Authorities to trust, in PEM [default: those of the system]
+    #[arg(long, value_name = "FILE", requires = "mqtt")]
+    pub mqtt_ca: Option<PathBuf>,
+    /// Certificate of this program, in PEM
+    #[arg(long, value_name = "FILE", requires_all = ["mqtt", "mqtt_key"])]
+    pub mqtt_cert: Option<PathBuf>,
+    /// Key of this program's certificate, in PEM
+    #[arg(long, value_name = "FILE", requires_all = ["mqtt", "mqtt_cert"])]
+    pub mqtt_key: Option<PathBuf>,
+    /// Maximum number of lines published a second; the newest are published
+    #[arg(long, value_name = "HZ", requires = "mqtt", default_value_t = 10.0, value_parser = line_rate)]
+    pub mqtt_rate: f64,
+    /// Describe objects for Home Assistant, under this prefix [default: homeassistant]
+    #[arg(long, value_name = "PREFIX", requires = "mqtt", num_args = 0..=1, default_missing_value = "homeassistant")]
+    pub mqtt_discovery: Option<String>,
+}
+
 /// Arguments of `keygraph camera`.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Arguments {
@@ -103,9 +127,9 @@ pub struct Arguments {
     /// 127.0.0.1, else random]
     #[arg(long, requires = "web", env = "KEYGRAPH_TOKEN", hide_env_values = true)]
     pub token: Option<String>,
-    /// Publish results to a broker: `mqtt://[USER:PASSWORD@]HOST[:PORT][/PREFIX]`
-    #[arg(long, value_name = "URL", env = "KEYGRAPH_MQTT", hide_env_values = true)]
-    pub mqtt: Option<String>,
+    /// The broker that results are published to.
+    #[command(flatten)]
+    pub publishing: Publishing,
     /// Print one JSON line a frame
     #[arg(long)]
     pub json: bool,
@@ -176,6 +200,11 @@ fn size(s: &str) -> Result<(u32, u32), String> {
 fn rate(s: &str) -> Result<f64, String> {
     let rate = s.parse().ok().filter(|r| (0.1..=10_000.0).contains(r));
     rate.ok_or_else(|| "a rate lies between 0.1 and 10000 frames a second".into())
+}
+
+fn line_rate(s: &str) -> Result<f64, String> {
+    let rate = s.parse().ok().filter(|r| (0.001..=1000.0).contains(r));
+    rate.ok_or_else(|| "a rate lies between 0.001 and 1000 lines a second".into())
 }
 
 #[cfg(test)]

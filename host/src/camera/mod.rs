@@ -83,7 +83,7 @@ use lesson::{Errand, Learned, Plan, learn};
 use lines::Lines;
 use live::{Live, Outcome, search_frames};
 use models::Models;
-use mqtt::Broker;
+use mqtt::broker::Broker;
 use session::{Page, Session};
 use shelf::Shelf;
 use slot::Slot;
@@ -123,7 +123,7 @@ pub fn camera(arguments: &Arguments) -> Result<()> {
         "nothing to look for: give a model with -m (make one with `keygraph train`), or --web to learn objects on a page"
     );
     let live = Arc::new(Live::new(session::name_of(&arguments.origin), models, arguments.threshold));
-    let broker = arguments.mqtt.as_deref().map(Broker::parse).transpose()?.map(mqtt::channel);
+    let broker = Broker::from_arguments(&arguments.publishing)?.map(mqtt::channel);
     let (mut publisher, outlet) = broker.unzip();
     let page = arguments.web.map(|address| Page {
         address,

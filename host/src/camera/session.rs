@@ -189,6 +189,7 @@ fn serve(
     };
     Ok(thread::Builder::new().name("network".into()).spawn(move || {
         runtime.block_on(served);
+        // The look-up of a broker's name cannot be stopped; the program does not wait for it.
         runtime.shutdown_timeout(LAST_WORK);
     })?)
 }
