@@ -9,6 +9,8 @@
                                              score against the share right, a table
     python3 scripts/evaluate false-alarms [FRAMES ...]
                                              detections where nothing is to be found
+    python3 scripts/evaluate look-alikes     docs/look-alikes.png, .json: what is taken
+                                             for an object that it looks like
     python3 scripts/evaluate growth          docs/growth.png, .json: time, against
                                              objects, keygraphs, corners and pixels
     python3 scripts/evaluate rivals          time beside OpenCV, a table
@@ -57,6 +59,7 @@ MODULES = {
     "precision": "commands",
     "calibration": "alarms",
     "false-alarms": "alarms",
+    "look-alikes": "confusion",
     "growth": "growth",
     "rivals": "rivals",
 }
@@ -96,6 +99,10 @@ def parser():
     c.add_argument("--bins", type=positive, default=10)
     add_training(c)
     add_false_alarms(command("false-alarms", "Detections in frames that do not show the object"))
+    c = command("look-alikes", "What is taken for an object that it looks like")
+    add_pictures(c)
+    add_frames(c, 4, "a member of a family")
+    add_look_alikes(c)
     add_growth(command("growth", "Time, against objects, keygraphs, corners and pixels"))
     add_rivals(command("rivals", "Time beside OpenCV, on the same frames"))
     return p
@@ -151,6 +158,11 @@ def add_figure(c, name, redraw):
 def add_training(c):
     """Options of commands that look for wrong detections."""
     c.add_argument("--keep", metavar="DIR", help="copy the frames with wrong detections here")
+    add_train(c)
+
+
+def add_train(c):
+    """How models are trained."""
     c.add_argument(
         "--train",
         type=str.split,
@@ -180,6 +192,19 @@ def add_false_alarms(c):
         "--threshold", type=float, default=0.05, metavar="S", help="least score that is counted [default: 0.05]"
     )
     add_training(c)
+
+
+def add_look_alikes(c):
+    """Options of `look-alikes`."""
+    c.add_argument(
+        "--groups", type=positive, default=8, metavar="N", help="groups of five pictures a family [default: 8]"
+    )
+    c.add_argument(
+        "--hidden", type=positive, default=60, metavar="N", help="frames an object, half hidden [default: 60]"
+    )
+    c.add_argument("--bins", type=positive, default=10)
+    add_train(c)
+    add_figure(c, "look-alikes.png", redraw=True)
 
 
 def add_growth(c):

@@ -1,5 +1,6 @@
 """Keygraph as a detector: the command, run over frames on disk."""
 
+import copy
 import json
 import math
 import os
@@ -30,6 +31,12 @@ class Keygraph:
         self.label, self.command, self.folder, self.train = label, command, folder, list(train)
         self.threads, self.threshold = threads, threshold
         self.models = {}  # digest of the picture -> (path of the model, its bytes), or why it was refused
+
+    def at(self, threshold):
+        """The detector with another least score; the two share their models."""
+        other = copy.copy(self)
+        other.threshold = threshold
+        return other
 
     def model(self, picture):
         """The path and the bytes of the picture's model; raises Refused."""
@@ -63,7 +70,7 @@ class Keygraph:
             sys.exit(f"`keygraph detect` ended with {done.returncode}: {len(lines)} lines for {len(frames)} frames")
         searches = []
         for line in lines:
-            detections = [Detection(d["score"], d["corners"]) for d in line["detections"]]
+            detections = [Detection(d["score"], d["corners"], d["visible"]) for d in line["detections"]]
             searches.append(Search(sorted(detections, key=lambda d: -d.score), line["time_ms"]["total"]))
         return searches
 

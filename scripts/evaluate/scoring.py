@@ -16,10 +16,11 @@ THRESHOLD = 0.8  # least score that the command reports unless it is told otherw
 
 @dataclass
 class Detection:
-    """One outline, and how sure the detector is of it (0 to 1)."""
+    """One outline, how sure the detector is of it, and how much of the object it sees (0 to 1)."""
 
     score: float
     corners: list
+    visible: float = 1.0
 
 
 @dataclass

@@ -1,0 +1,116 @@
+"""The command `look-alikes`: how well an object is told from pictures that share a part of its look.
+
+Each member of a family is looked for, by itself, in frames that show another member: whatever
+is reported is wrong. Half-hidden objects stand on the other side: what speaks against a
+look-alike speaks against them too.
+"""
+
+from alarms import print_reliability
+from detectors import Keygraph, try_search
+from figures import check_figure, draw_look_alikes, numbers_of, save
+from frames import Renderer, Studio, build_renderer
+from lookalikes import FAMILIES, FEWEST, MEMBERS, siblings
+from pictures import read_pictures
+from progress import Progress
+from scoring import THRESHOLD, is_found, judge
+
+MIN_VISIBLE = [0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6]
+HALF_HIDDEN = {"occlusion": 0.5}
+
+
+def look_alikes(args, folder):
+    """Draws docs/look-alikes.png anew, and prints three tables."""
+    if args.redraw:
+        numbers = numbers_of(args.out)
+        return save(draw_look_alikes(numbers), numbers, args.out)
+    check_figure(args.out)
+    objects, pictures = (
+        read_pictures(args.objects, 1, "objects"),
+        read_pictures(args.backgrounds, FEWEST, "backgrounds"),
+    )
+    groups = len(FAMILIES) * args.groups
+    total = groups * MEMBERS * MEMBERS * args.frames + len(objects) * args.hidden
+    looks = Looks(Keygraph("look-alikes", args.keygraph, folder, args.train, threads=2), Progress(total, "looks"))
+    numbers = {"objects": len(objects), "hidden": args.hidden, "groups": args.groups, "frames": args.frames}
+    numbers |= {"seed": args.seed, "min_visible": MIN_VISIBLE, "families": {}}
+    with Studio(folder, pictures, args.seed, Renderer([build_renderer()])) as studio:
+        numbers["found_hidden"] = hidden_objects(looks, studio, objects, args.hidden)
+        for family in FAMILIES:
+            numbers["families"][family] = alone(looks, studio, family, args)
+    print_tables(numbers)
+    print_reliability(looks.scored, args.bins)
+    return save(draw_look_alikes(numbers), numbers, args.out)
+
+
+class Looks:
+    """The searches of a run, and the score of every detection with whether it is right."""
+
+    def __init__(self, detector, progress):
+        self.detector, self.low, self.progress = detector, detector.at(0.0), progress
+        self.scored = []
+
+    def search(self, picture, frames):
+        """Looks for `picture` in `frames`: each with its detections at the default threshold."""
+        for frame, search in try_search(self.low, picture, frames):
+            verdicts = judge(search.detections, frame.quads.get(picture.digest))
+            self.scored += [(d.score, v.right) for d, v in zip(search.detections, verdicts, strict=True)]
+        self.progress.add(len(frames))
+        return [(frame, search.detections) for frame, search in try_search(self.detector, picture, frames)]
+
+
+def shares(looks, count):
+    """The share of looks that count, for each value of MIN_VISIBLE.
+
+    `count` takes the frame and what is left of its detections.
+    """
+    seen = [[(f, [d for d in found if d.visible >= least]) for f, found in looks] for least in MIN_VISIBLE]
+    return [sum(count(*look) for look in left) / len(left) for left in seen]
+
+
+def hidden_objects(looks, studio, objects, frames):
+    """The share of half-hidden objects that are found, for each value of MIN_VISIBLE."""
+    seen = []
+    for picture in objects:
+        shot = [studio.shoot(picture, HALF_HIDDEN, "half hidden", n) for n in range(frames)]
+        truth = [frame.quads[picture.digest] for frame in shot]
+        seen += [(quad, found) for quad, (_, found) in zip(truth, looks.search(picture, shot), strict=True)]
+        studio.clear(shot)
+    return shares(seen, lambda quad, found: is_found(found, quad))
+
+
+def alone(looks, studio, family, args):
+    """What the looks for the members of one family come to."""
+    own, wrong = [], []
+    for group in range(args.groups):
+        members, backgrounds = siblings(family, studio.backgrounds, args.seed, group, studio.folder)
+        room = Studio(studio.folder, backgrounds, args.seed, studio.renderer)
+        for shown in members:
+            shot = [room.shoot(shown, {}, family, group, n) for n in range(args.frames)]
+            for sought in members:
+                found = looks.search(sought, shot)
+                if sought is shown:
+                    own += [is_found(detections, frame.quads[shown.digest]) for frame, detections in found]
+                else:
+                    wrong += found
+            room.clear(shot)
+    return {
+        "looks": len(wrong),
+        "own": sum(own) / len(own),
+        "wrong": shares(wrong, lambda _, found: bool(found)),
+    }
+
+
+def print_tables(numbers):
+    """Prints what is wrong by family, and what a minimum of the visible share changes."""
+    families, hidden = numbers["families"], numbers["objects"] * numbers["hidden"]
+    print(f"At {THRESHOLD:g} and above:\n")
+    print("| family | looks for a sibling | wrong in 100 | own frames found in 100 |\n| --- | --- | --- | --- |")
+    for family, row in families.items():
+        print(f"| {family} | {row['looks']:,} | {100 * row['wrong'][0]:.0f} | {100 * row['own']:.0f} |")
+    head = [f"`--min-visible {v:g}`" if v == 0 else f"{v:g}" for v in numbers["min_visible"]]
+    print(f"\n| in 100 | {' | '.join(head)} |\n|{' --- |' * (1 + len(head))}")
+    rows = {family: row["wrong"] for family, row in families.items()}
+    rows[f"half-hidden objects found, of {hidden:,}"] = numbers["found_hidden"]
+    for name, row in rows.items():
+        print(f"| {name} | {' | '.join(f'{100 * v:.0f}' for v in row)} |")
+    print(flush=True)
