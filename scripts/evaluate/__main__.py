@@ -11,6 +11,9 @@
                                              detections where nothing is to be found
     python3 scripts/evaluate look-alikes     docs/look-alikes.png, .json: what is taken
                                              for an object that it looks like
+    python3 scripts/evaluate fit [TRUTH.json ...]
+                                             fits the score anew; --write puts it
+                                             into the core
     python3 scripts/evaluate growth          docs/growth.png, .json: time, against
                                              objects, keygraphs, corners and pixels
     python3 scripts/evaluate rivals          time beside OpenCV, a table
@@ -50,7 +53,7 @@ import os
 import tempfile
 
 from packages import need
-from places import DOCS, KEYGRAPH, PICTURES, SEQUENCE
+from places import BELIEF, DOCS, KEYGRAPH, PICTURES, SEQUENCE
 
 # Command -> the module of its function.
 MODULES = {
@@ -60,9 +63,12 @@ MODULES = {
     "calibration": "alarms",
     "false-alarms": "alarms",
     "look-alikes": "confusion",
+    "fit": "fit",
     "growth": "growth",
     "rivals": "rivals",
 }
+# Modules that a command needs beside cv2 and numpy, where it is not matplotlib.
+OTHER_PACKAGES = {"rivals": [], "fit": ["matplotlib", "sklearn"]}
 OBJECTS = [os.path.join(PICTURES, f"{name}.jpg") for name in ("astronaut", "chelsea", "coffee", "hubble", "rocket")]
 
 
@@ -103,6 +109,7 @@ def parser():
     add_pictures(c)
     add_frames(c, 4, "a member of a family")
     add_look_alikes(c)
+    add_fit(command("fit", "Fits the score of the core anew"))
     add_growth(command("growth", "Time, against objects, keygraphs, corners and pixels"))
     add_rivals(command("rivals", "Time beside OpenCV, on the same frames"))
     return p
@@ -197,7 +204,7 @@ def add_false_alarms(c):
 def add_look_alikes(c):
     """Options of `look-alikes`."""
     c.add_argument(
-        "--groups", type=positive, default=8, metavar="N", help="groups of five pictures a family [default: 8]"
+        "--groups", type=positive, default=10, metavar="N", help="groups of five pictures a family [default: 10]"
     )
     c.add_argument(
         "--hidden", type=positive, default=60, metavar="N", help="frames an object, half hidden [default: 60]"
@@ -205,6 +212,32 @@ def add_look_alikes(c):
     c.add_argument("--bins", type=positive, default=10)
     add_train(c)
     add_figure(c, "look-alikes.png", redraw=True)
+
+
+def add_fit(c):
+    """Options of `fit`."""
+    add_pictures(c)
+    add_frames(c, 24, "an object and condition")
+    c.add_argument("truth", nargs="*", metavar="TRUTH.json", help="truth files, whose frames are fitted to as well")
+    for name, default, what in (
+        ("--posters", 12, "drawn objects beside the given ones"),
+        ("--groups", 8, "groups of five look-alikes a family"),
+        ("--trees", 37, "trees"),
+        ("--bins", 10, "bins of the table"),
+    ):
+        c.add_argument(name, type=positive, default=default, metavar="N", help=f"{what} [default: {default}]")
+    c.add_argument(
+        "--bias",
+        type=int,
+        default=44,
+        metavar="STEPS",
+        help="added to the fitted BIAS: 32 steps multiply the odds by 2.7. More finds more that is hidden, and takes "
+        "more look-alikes for it [default: 44]",
+    )
+    c.add_argument(
+        "--write", nargs="?", const=BELIEF, metavar="FILE", help="put the trees into core/src/detect/belief.rs, or FILE"
+    )
+    add_train(c)
 
 
 def add_growth(c):
@@ -250,7 +283,7 @@ def positive(text):
 def main():
     """Runs the command that is asked for."""
     args = parser().parse_args()
-    need(["cv2", "numpy"] if args.command == "rivals" else ["cv2", "numpy", "matplotlib"])
+    need(["cv2", "numpy", *OTHER_PACKAGES.get(args.command, ["matplotlib"])])
     module = importlib.import_module(MODULES[args.command])
     import cv2
 

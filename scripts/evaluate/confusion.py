@@ -5,14 +5,16 @@ is reported is wrong. Half-hidden objects stand on the other side: what speaks a
 look-alike speaks against them too.
 """
 
+from dataclasses import asdict
+
 from alarms import print_reliability
 from detectors import Keygraph, try_search
 from figures import check_figure, draw_look_alikes, numbers_of, save
 from frames import Renderer, Studio, build_renderer
-from lookalikes import FAMILIES, FEWEST, MEMBERS, siblings
+from lookalikes import FAMILIES, FEWEST, MEMBERS, MOSTLY_SHARED, siblings
 from pictures import read_pictures
 from progress import Progress
-from scoring import THRESHOLD, is_found, judge
+from scoring import THRESHOLD, is_found, judge, reliability, shares_of
 
 MIN_VISIBLE = [0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6]
 HALF_HIDDEN = {"occlusion": 0.5}
@@ -38,33 +40,27 @@ def look_alikes(args, folder):
         for family in FAMILIES:
             numbers["families"][family] = alone(looks, studio, family, args)
     print_tables(numbers)
-    print_reliability(looks.scored, args.bins)
+    numbers["reliability"] = {"all": print_scores("All families:", looks.scored, args.bins)}
+    some = [row for row in looks.scored if row[2] not in MOSTLY_SHARED]
+    title = f"Without {', '.join(MOSTLY_SHARED)}, of which half or more is shared:"
+    numbers["reliability"]["less than half shared"] = print_scores(title, some, args.bins)
     return save(draw_look_alikes(numbers), numbers, args.out)
 
 
 class Looks:
-    """The searches of a run, and the score of every detection with whether it is right."""
+    """The searches of a run, and the score of every detection, whether it is right, and the family it is of."""
 
     def __init__(self, detector, progress):
         self.detector, self.low, self.progress = detector, detector.at(0.0), progress
         self.scored = []
 
-    def search(self, picture, frames):
-        """Looks for `picture` in `frames`: each with its detections at the default threshold."""
+    def search(self, picture, frames, family=None):
+        """Looks for `picture` in `frames`; the detections of each at the default threshold."""
         for frame, search in try_search(self.low, picture, frames):
             verdicts = judge(search.detections, frame.quads.get(picture.digest))
-            self.scored += [(d.score, v.right) for d, v in zip(search.detections, verdicts, strict=True)]
+            self.scored += [(d.score, v.right, family) for d, v in zip(search.detections, verdicts, strict=True)]
         self.progress.add(len(frames))
-        return [(frame, search.detections) for frame, search in try_search(self.detector, picture, frames)]
-
-
-def shares(looks, count):
-    """The share of looks that count, for each value of MIN_VISIBLE.
-
-    `count` takes the frame and what is left of its detections.
-    """
-    seen = [[(f, [d for d in found if d.visible >= least]) for f, found in looks] for least in MIN_VISIBLE]
-    return [sum(count(*look) for look in left) / len(left) for left in seen]
+        return [search.detections for _, search in try_search(self.detector, picture, frames)]
 
 
 def hidden_objects(looks, studio, objects, frames):
@@ -73,9 +69,9 @@ def hidden_objects(looks, studio, objects, frames):
     for picture in objects:
         shot = [studio.shoot(picture, HALF_HIDDEN, "half hidden", n) for n in range(frames)]
         truth = [frame.quads[picture.digest] for frame in shot]
-        seen += [(quad, found) for quad, (_, found) in zip(truth, looks.search(picture, shot), strict=True)]
+        seen += zip(looks.search(picture, shot), truth, strict=True)
         studio.clear(shot)
-    return shares(seen, lambda quad, found: is_found(found, quad))
+    return shares_of(seen, MIN_VISIBLE, is_found)
 
 
 def alone(looks, studio, family, args):
@@ -83,21 +79,28 @@ def alone(looks, studio, family, args):
     own, wrong = [], []
     for group in range(args.groups):
         members, backgrounds = siblings(family, studio.backgrounds, args.seed, group, studio.folder)
-        room = Studio(studio.folder, backgrounds, args.seed, studio.renderer)
-        for shown in members:
-            shot = [room.shoot(shown, {}, family, group, n) for n in range(args.frames)]
-            for sought in members:
-                found = looks.search(sought, shot)
-                if sought is shown:
-                    own += [is_found(detections, frame.quads[shown.digest]) for frame, detections in found]
-                else:
-                    wrong += found
-            room.clear(shot)
+        # A renderer keeps all pictures that it has read.
+        with Studio(studio.folder, backgrounds, args.seed, Renderer([build_renderer()])) as room:
+            for shown in members:
+                shot = [room.shoot(shown, {}, family, group, n) for n in range(args.frames)]
+                for sought in members:
+                    truth = [frame.quads.get(sought.digest) for frame in shot]
+                    seen = zip(looks.search(sought, shot, family), truth, strict=True)
+                    (own if sought is shown else wrong).extend(seen)
+                room.clear(shot)
     return {
         "looks": len(wrong),
-        "own": sum(own) / len(own),
-        "wrong": shares(wrong, lambda _, found: bool(found)),
+        "own": shares_of(own, [0.0], is_found)[0],
+        "wrong": shares_of(wrong, MIN_VISIBLE, lambda found, _: bool(found)),
     }
+
+
+def print_scores(title, scored, bins):
+    """Prints a table of reliability; gives its rows."""
+    pairs = [(score, right) for score, right, _ in scored]
+    print(f"\n{title}\n")
+    print_reliability(pairs, bins)
+    return [asdict(row) for row in reliability(pairs, bins)]
 
 
 def print_tables(numbers):

@@ -226,7 +226,8 @@ def draw_look_alikes(numbers):
         axis.set_title(family.capitalize() if family.islower() else family)
         axis.set_xticks([0, 20, 40, 60])
         per_cent_axis(axis)
-    for axis in axes.flat[len(families) :]:
+    for above, axis in zip(axes.flat[len(families) - 5 :], axes.flat[len(families) :], strict=False):
+        above.tick_params(labelbottom=True)
         axis.axis("off")
     handles, names = axes.flat[0].get_legend_handles_labels()
     title = "Look-alikes taken for the object, and half-hidden objects found, in 100 looks"

@@ -5,6 +5,7 @@ programs; this file chooses what to render. A frame is 640x480 px. It shows one 
 a part of another picture; a part of it may be hidden behind a third one.
 """
 
+import functools
 import hashlib
 import json
 import os
@@ -100,6 +101,7 @@ def build_renderer():
     return build_example("render")
 
 
+@functools.cache
 def build_example(name):
     """Builds a program of host/examples where it is not there yet; gives its path."""
     build = ["cargo", "build", "--release", "--quiet", "--example", name, "-p", "keygraph"]

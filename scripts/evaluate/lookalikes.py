@@ -324,6 +324,8 @@ FAMILIES = {
     "one series": series,
     "one badge": badge,
 }
+# Families of which half of the area or more is shared: a sibling shows as much as an object half of which is hidden.
+MOSTLY_SHARED = ("forms", "tickets", "shelf labels", "keyboards", "one series")
 
 
 # ------------------------------------------------------------------ groups
