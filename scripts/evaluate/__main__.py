@@ -18,12 +18,12 @@
                                              objects, keygraphs, corners and pixels
     python3 scripts/evaluate rivals          time beside OpenCV, a table
 
-Needs `cargo build --release`. The packages numpy, opencv-python-headless and matplotlib
-are installed into out/evaluate where they are missing. The renderer is built when it is
-first needed.
+Needs `cargo build --release`. The packages numpy, opencv-python-headless and matplotlib,
+and for `fit` scikit-learn, are installed into out/evaluate where they are missing. The
+examples of the host (the renderer) are built when they are first needed.
 
 In: pictures of objects and backgrounds (those of assets/ unless others are given); for
-`calibration` and `false-alarms` also truth files: a list of
+`calibration`, `false-alarms` and `fit` also truth files: a list of
 {"name", "model": picture, "frames": [{"image", "H" or "corners"}]}, with paths relative to
 the file. "H" maps picture pixels to frame pixels (nine numbers or three rows), "corners"
 are the images of (0,0), (w,0), (w,h), (0,h). A null for either says that the object is not

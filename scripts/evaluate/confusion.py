@@ -26,13 +26,11 @@ def look_alikes(args, folder):
         numbers = numbers_of(args.out)
         return save(draw_look_alikes(numbers), numbers, args.out)
     check_figure(args.out)
-    objects, pictures = (
-        read_pictures(args.objects, 1, "objects"),
-        read_pictures(args.backgrounds, FEWEST, "backgrounds"),
-    )
-    groups = len(FAMILIES) * args.groups
-    total = groups * MEMBERS * MEMBERS * args.frames + len(objects) * args.hidden
-    looks = Looks(Keygraph("look-alikes", args.keygraph, folder, args.train, threads=2), Progress(total, "looks"))
+    objects = read_pictures(args.objects, 1, "objects")
+    pictures = read_pictures(args.backgrounds, FEWEST, "backgrounds")
+    detector = Keygraph("look-alikes", args.keygraph, folder, args.train, threads=2)
+    total = len(FAMILIES) * args.groups * MEMBERS**2 * args.frames + len(objects) * args.hidden
+    looks = Looks(detector, Progress(total, "looks"))
     numbers = {"objects": len(objects), "hidden": args.hidden, "groups": args.groups, "frames": args.frames}
     numbers |= {"seed": args.seed, "min_visible": MIN_VISIBLE, "families": {}}
     with Studio(folder, pictures, args.seed, Renderer([build_renderer()])) as studio:

@@ -58,7 +58,7 @@ class Samples:
     scores: list = field(default_factory=list)
 
     def add(self, looks, group):
-        """Searches, and adds every detection. What is fitted knows all of a group or nothing of it."""
+        """Searches, and adds every detection. A fit knows all of a group, or nothing of it."""
         requests = "".join(json.dumps({"model": x.model, "frame": os.path.abspath(x.frame)}) + "\n" for x in looks)
         run = subprocess.run(
             [build_example("scrutiny")], input=requests, stdout=subprocess.PIPE, text=True, check=False
