@@ -1,27 +1,26 @@
-//! Tells what the core sees at each pose that it looks at closely: one JSON line in, one JSON line
-//! out for each detection. `scripts/evaluate fit` fits the score to it.
+//! Tells what the core sees at each pose that it looks at closely: a model and a frame a line in, a
+//! JSON line out for each detection. `scripts/evaluate fit` fits the score to it.
 //!
 //! `cargo run --release --example scrutiny -p keygraph < PAIRS.jsonl`
-//!
-//! In, on standard input, a model and a frame a line:
 //!
 //! ```json
 //! {"model": "cover.kgm", "frame": "frame.jpg"}
 //! ```
 //!
-//! Out, on standard output, a line for each detection, whatever its score: the number of its line
-//! of input (from 0), the object's index, the score, the corners in px of the frame, and the
-//! properties in the order of [`keygraph_core::stages::scrutiny::NAMES`], each 0 to 255:
+//! gives lines as this one, here with the first two of the properties:
 //!
 //! ```json
-//! {"pair": 0, "object": 0, "score": 0.97, "corners": [[0, 0], [9, 0], [9, 9], [0, 9]], "properties": [255, 240]}
+//! {"pair": 0, "thorough": false, "object": 0, "score": 0.97, "corners": [[0, 0], [9, 0], [9, 9], [0, 9]],
+//!  "properties": [255, 240]}
 //! ```
 //!
-//! Poses with a low first impression are no detections. Of several poses at one place, the one with
-//! the best present score is told. A line that cannot be read ends the program: its number and the
-//! reason go to standard error, and the exit status is 1.
+//! `pair` is the number of the line of input, from 0. `corners` are px of the frame. `properties` have
+//! the order of [`keygraph_core::stages::scrutiny::NAMES`]. A frame is searched twice: as if every pose
+//! were believed, and thoroughly, since a search goes on after what is not believed. All scores are
+//! told, but no pose with a low first impression, and at each place only the pose with the best score.
+//! The first line that cannot be read ends the program with its number, the reason and status 1.
 //!
-//! Memory: one model and a detector. Cost: a search for each line.
+//! Memory: one model and a detector. Cost: two searches a line.
 
 use std::io::{BufRead, Write, stdin, stdout};
 use std::path::PathBuf;
@@ -81,12 +80,16 @@ impl Bench {
         let mut planes = self.pyramid.planes_mut();
         planes.load(&frame)?;
         planes.reduce();
-        for d in self.detector.detect(&frame, &model, 0.0, &mut || 0)? {
-            let properties = scrutinise(&planes.view(), &model, d).0;
-            let corners = d.corners.map(|p| [0, 1].map(|i| (p[i] + 0.5) / scaled.scale[i] - 0.5));
-            let told =
-                json!({"pair": at, "object": d.object, "score": d.score, "corners": corners, "properties": properties});
-            writeln!(stdout(), "{told}").context("standard output")?;
+        for thorough in [false, true] {
+            self.detector.set_thorough(thorough);
+            for d in self.detector.detect(&frame, &model, 0.0, &mut || 0)? {
+                let corners = d.corners.map(|p| [0, 1].map(|i| (p[i] + 0.5) / scaled.scale[i] - 0.5));
+                let told = json!({
+                    "pair": at, "thorough": thorough, "object": d.object, "score": d.score, "corners": corners,
+                    "properties": scrutinise(&planes.view(), &model, d).0,
+                });
+                writeln!(stdout(), "{told}").context("standard output")?;
+            }
         }
         Ok(())
     }

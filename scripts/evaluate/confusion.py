@@ -49,16 +49,22 @@ class Looks:
     """The searches of a run, and the score of every detection, whether it is right, and the family it is of."""
 
     def __init__(self, detector, progress):
-        self.detector, self.low, self.progress = detector, detector.at(0.0), progress
+        self.detector, self.low, self.progress = detector, detector.thorough(0.0), progress
         self.scored = []
 
     def search(self, picture, frames, family=None):
-        """Looks for `picture` in `frames`; the detections of each at the default threshold."""
-        for frame, search in try_search(self.low, picture, frames):
+        """Looks for `picture` in `frames`; the detections of each at the default threshold.
+
+        Where there are none, all of the frame was searched: a thorough search shows what was not believed.
+        """
+        searches = list(try_search(self.detector, picture, frames))
+        nothing = [frame for frame, search in searches if not search.detections]
+        unbelieved = list(try_search(self.low, picture, nothing)) if nothing else []
+        for frame, search in searches + unbelieved:
             verdicts = judge(search.detections, frame.quads.get(picture.digest))
             self.scored += [(d.score, v.right, family) for d, v in zip(search.detections, verdicts, strict=True)]
         self.progress.add(len(frames))
-        return [search.detections for _, search in try_search(self.detector, picture, frames)]
+        return [search.detections for _, search in searches]
 
 
 def hidden_objects(looks, studio, objects, frames):

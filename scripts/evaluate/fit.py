@@ -11,13 +11,13 @@ import sys
 import numpy as np
 from alarms import print_reliability
 from detectors import Keygraph
-from lookalikes import FAMILIES, FEWEST, MOSTLY_SHARED
+from lookalikes import FAMILIES, FEWEST, MEMBERS, MOSTLY_SHARED
 from pictures import read_picture, read_pictures
 from progress import Progress
 from scoring import THRESHOLD
 from sklearn.ensemble import HistGradientBoostingClassifier
 from training import CONDITIONS, STRANGERS, Set, draw_posters, looks_of_families
-from trees import Trees, export, write
+from trees import Trees, export, read, write
 from truth import gather
 
 # The properties of core/src/detect/scrutiny.rs: 1 where more speaks for the object, -1 where it
@@ -50,10 +50,13 @@ FACTORS = {
     **dict.fromkeys(MOSTLY_SHARED, 0.3),
 }
 FOLDS = 5
+SECONDS = 0.15  # a look, with what is rendered and trained for it
 
 
 def fit(args, folder):
     """Renders, fits, prints what the fit is worth, and writes it into the core when it is asked to."""
+    if args.write:
+        read(args.write)  # It is there, before the work is done.
     pictures = read_pictures(args.backgrounds, FEWEST, "backgrounds")
     objects, frames = gather(args.truth, read_pictures(args.objects, STRANGERS + 1, "objects"), read_picture)
     objects += draw_posters(args.posters, folder)
@@ -68,7 +71,7 @@ def fit(args, folder):
     print(f"{len(x):,} detections, {right.sum():,} right. BIAS as fitted: {score.bias}\n")
     print("Held back from the fit, each kind with its weight, BIAS as fitted:\n")
     print_reliability(list(zip(held(0), right, strict=True)), args.bins, weights)
-    print_kinds(kinds, right, held(args.bias), np.array(samples.scores), args.bias)
+    print_kinds(samples, {f"held back, BIAS {args.bias:+}": held(args.bias), "present trees": samples.scores})
     score.bias += args.bias
     if args.write:
         write(score, args.write)
@@ -80,10 +83,17 @@ def render(args, folder, pictures, objects, frames):
     shown = {o.digest: [f for f in frames if f.quads.get(o.digest) is not None] for o in objects}
     looks = len(objects) * len(CONDITIONS) * args.frames * (1 + STRANGERS) + looks_of_families(args.groups)
     looks += sum(map(len, shown.values()))
+    models = len(objects) + len(FAMILIES) * args.groups * MEMBERS
+    print(
+        f"{looks:,} looks, some {looks * SECONDS / 60:.0f} minutes; {models:,} models of 2 MB in {folder}. "
+        "A first look at the command: --frames 2 --groups 1 --posters 2",
+        file=sys.stderr,
+    )
     keygraph = Keygraph("fit", args.keygraph, folder, args.train)
     work = Set(args, folder, keygraph, pictures, Progress(looks, "looks"))
     for picture in objects:
-        work.given(picture, shown[picture.digest])
+        if shown[picture.digest]:
+            work.given(picture, shown[picture.digest])
         work.object(picture, [o for o in objects if o.digest != picture.digest], args.frames)
     for family in FAMILIES:
         for group in range(args.groups):
@@ -127,12 +137,21 @@ def hold_back(x, right, groups, weights, trees):
     return scores
 
 
-def print_kinds(kinds, right, held, present, bias):
-    """Prints for each kind what is lost of the right detections, and what is believed of the wrong ones."""
-    for title, which in (("right detections lost", right), ("wrong detections believed", ~right)):
-        print(f"\n| at {THRESHOLD:g}: {title}, in 100 | detections | held back, BIAS {bias:+} | present trees |")
-        print("| --- | --- | --- | --- |")
-        for kind in sorted(set(kinds[which])):
-            here = which & (kinds == kind)
-            shares = [100 * np.mean((s[here] >= THRESHOLD) != right[here]) for s in (held, present)]
-            print(f"| {kind} | {here.sum():,} | {shares[0]:.1f} | {shares[1]:.1f} |")
+def print_kinds(samples, scores):
+    """Prints for each kind in how many looks the object is lost, and in how many something wrong is believed.
+
+    A search goes on after what is not believed, so that the best score of a look decides. `scores` are those
+    of all detections, by what they are of.
+    """
+    best = {of: {} for of in scores}  # (right, kind) -> look -> score
+    for of, each in scores.items():
+        for score, right, kind, look in zip(each, samples.right, samples.kinds, samples.looks, strict=True):
+            seen = best[of].setdefault((bool(right), kind), {})
+            seen[look] = max(score, seen.get(look, 0.0))
+    for title, right in (("object lost", True), ("wrong believed", False)):
+        print(f"\n| at {THRESHOLD:g}: {title}, in 100 | looks with a detection | {' | '.join(scores)} |")
+        print(f"| --- | --- |{' --- |' * len(scores)}")
+        for key in sorted(key for key in best[next(iter(best))] if key[0] == right):
+            rows = [list(of[key].values()) for of in best.values()]
+            shares = (100 * sum((score >= THRESHOLD) != right for score in row) / len(row) for row in rows)
+            print(f"| {key[1]} | {len(rows[0]):,} | {' | '.join(f'{share:.1f}' for share in shares)} |")

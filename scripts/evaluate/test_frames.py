@@ -169,8 +169,9 @@ class Command(Folder):
 
     def test_another_threshold_needs_no_other_model(self):
         keygraph = self.keygraph()
-        low = keygraph.at(0.0)
+        low = keygraph.thorough(0.0)
         self.assertEqual((keygraph.threshold, low.threshold), (0.8, 0.0))
+        self.assertEqual((keygraph.options, low.options), ([], ["--thorough"]))
         self.assertIs(keygraph.model(Picture("a")), low.model(Picture("a")))
 
     def test_a_missing_line_is_told(self):

@@ -1,5 +1,7 @@
 """Tests of trees.py, fit.py and training.py."""
 
+import contextlib
+import io
 import os
 import re
 import tempfile
@@ -18,12 +20,15 @@ if not SKIP:
     from training import Look, Samples
     from trees import Tree, Trees
 
-# Answers as host/examples/scrutiny.rs does: one detection for each pair, at 0, 0 to 10, 10.
+# Answers as host/examples/scrutiny.rs does: one detection for each pair, at 0, 0 to 10, 10. The thorough search
+# sees it again.
 SCRUTINY = """#!/usr/bin/env python3
 import json, sys
 for at, line in enumerate(sys.stdin):
     corners = [[0, 0], [10, 0], [10, 10], [0, 10]]
-    print(json.dumps({"pair": at, "object": 0, "score": 0.9, "corners": corners, "properties": [at] * 16}))
+    for thorough in (False, True):
+        told = {"pair": at, "thorough": thorough, "object": 0, "score": 0.9, "corners": corners}
+        print(json.dumps({**told, "properties": [at] * 16}))
 """
 
 
@@ -127,6 +132,15 @@ class Labels(unittest.TestCase):
         self.assertEqual(samples.right, [True, False, False])
         self.assertEqual(samples.kinds, ["far", "elsewhere", "unlike"])
         self.assertEqual([row[0] for row in samples.properties], [0, 1, 2])
+        self.assertEqual((samples.looks, samples.total), ([0, 1, 2], 3))
+
+    def test_the_best_score_of_a_look_decides(self):
+        right, kinds, looks = [True, True, False], ["far", "far", "icons"], [0, 0, 1]
+        samples = Samples(right=right, kinds=kinds, looks=looks)
+        with contextlib.redirect_stdout(io.StringIO()) as out:
+            fit.print_kinds(samples, {"new": [0.5, 0.9, 0.9], "old": [0.5, 0.6, 0.1]})
+        self.assertIn("| far | 1 | 0.0 | 100.0 |", out.getvalue())
+        self.assertIn("| icons | 1 | 100.0 | 0.0 |", out.getvalue())
 
     def test_kinds_weigh_as_the_roots_of_their_numbers(self):
         weights = fit.weigh(np.array(["plain"] * 4 + ["icons"]))

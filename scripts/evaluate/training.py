@@ -49,13 +49,15 @@ class Look:
 
 @dataclass
 class Samples:
-    """Detections: properties, whether they are right, kind, group and present score."""
+    """Detections: properties, whether they are right, kind, group, number of the look, and present score."""
 
     properties: list = field(default_factory=list)
     right: list = field(default_factory=list)
     kinds: list = field(default_factory=list)
     groups: list = field(default_factory=list)
+    looks: list = field(default_factory=list)
     scores: list = field(default_factory=list)
+    total: int = 0  # looks so far
 
     def add(self, looks, group):
         """Searches, and adds every detection. A fit knows all of a group, or nothing of it."""
@@ -65,14 +67,22 @@ class Samples:
         )
         if run.returncode:
             sys.exit("the example scrutiny has ended: standard error says why")
+        seen = set()
         for told in map(json.loads, run.stdout.splitlines()):
+            # The thorough search may come to the pose that the other one came to.
+            pose = (told["pair"], *told["properties"])
+            if pose in seen:
+                continue
+            seen.add(pose)
             look = looks[told["pair"]]
             (verdict,) = judge([Detection(told["score"], told["corners"])], look.truth)
             self.properties.append(told["properties"])
             self.right.append(verdict.right)
             self.kinds.append(look.kind if verdict.right or look.truth is None else "elsewhere")
             self.groups.append(group)
+            self.looks.append(self.total + told["pair"])
             self.scores.append(told["score"])
+        self.total += len(looks)
 
 
 class Set:

@@ -76,12 +76,21 @@ def tree_of(nodes):
     return tree
 
 
+def read(path):
+    """The text of the core's belief.rs or of a copy; ends the program when it is none."""
+    try:
+        with open(path, encoding="utf-8") as file:
+            text = file.read()
+    except OSError as e:
+        sys.exit(f"{path}: {e.strerror}; give core/src/detect/belief.rs or a copy of it")
+    if len(TABLE.findall(text)) != 1 or len(BIAS.findall(text)) != 1:
+        sys.exit(f"{path} has no table of trees; give core/src/detect/belief.rs or a copy of it")
+    return text
+
+
 def write(score, path):
-    """Puts the trees and the bias into a copy of the core's belief.rs."""
-    with open(path, encoding="utf-8") as text:
-        old = text.read()
-    if len(TABLE.findall(old)) != 1 or len(BIAS.findall(old)) != 1:
-        sys.exit(f"{path} has no table of trees: give core/src/detect/belief.rs or a copy of it")
+    """Puts the trees and the bias into the core's belief.rs or a copy."""
+    old = read(path)
     rows = "".join(f"    Tree {{ property: {t.property}, limit: {t.limit}, leaf: {t.leaf} }},\n" for t in score.trees)
     new = TABLE.sub(lambda m: f"{m[1]}const TREES: [Tree; {len(score.trees)}] = [\n{rows}];\n", old)
     with open(path, "w", encoding="utf-8") as out:
