@@ -9,16 +9,21 @@
                                              score against the share right, a table
     python3 scripts/evaluate false-alarms [FRAMES ...]
                                              detections where nothing is to be found
+    python3 scripts/evaluate look-alikes     docs/look-alikes.png, .json: what is taken
+                                             for an object that it looks like
+    python3 scripts/evaluate fit [TRUTH.json ...]
+                                             fits the score anew; --write puts it
+                                             into the core
     python3 scripts/evaluate growth          docs/growth.png, .json: time, against
                                              objects, keygraphs, corners and pixels
     python3 scripts/evaluate rivals          time beside OpenCV, a table
 
-Needs `cargo build --release`. The packages numpy, opencv-python-headless and matplotlib
-are installed into out/evaluate where they are missing. The renderer is built when it is
-first needed.
+Needs `cargo build --release`. The packages numpy, opencv-python-headless and matplotlib,
+and for `fit` scikit-learn, are installed into out/evaluate where they are missing. The
+examples of the host (the renderer) are built when they are first needed.
 
 In: pictures of objects and backgrounds (those of assets/ unless others are given); for
-`calibration` and `false-alarms` also truth files: a list of
+`calibration`, `false-alarms` and `fit` also truth files: a list of
 {"name", "model": picture, "frames": [{"image", "H" or "corners"}]}, with paths relative to
 the file. "H" maps picture pixels to frame pixels (nine numbers or three rows), "corners"
 are the images of (0,0), (w,0), (w,h), (0,h). A null for either says that the object is not
@@ -48,7 +53,7 @@ import os
 import tempfile
 
 from packages import need
-from places import DOCS, KEYGRAPH, PICTURES, SEQUENCE
+from places import BELIEF, DOCS, KEYGRAPH, PICTURES, SEQUENCE
 
 # Command -> the module of its function.
 MODULES = {
@@ -57,9 +62,13 @@ MODULES = {
     "precision": "commands",
     "calibration": "alarms",
     "false-alarms": "alarms",
+    "look-alikes": "confusion",
+    "fit": "fit",
     "growth": "growth",
     "rivals": "rivals",
 }
+# Modules that a command needs beside cv2 and numpy, where it is not matplotlib.
+OTHER_PACKAGES = {"rivals": [], "fit": ["matplotlib", "sklearn"]}
 OBJECTS = [os.path.join(PICTURES, f"{name}.jpg") for name in ("astronaut", "chelsea", "coffee", "hubble", "rocket")]
 
 
@@ -96,6 +105,11 @@ def parser():
     c.add_argument("--bins", type=positive, default=10)
     add_training(c)
     add_false_alarms(command("false-alarms", "Detections in frames that do not show the object"))
+    c = command("look-alikes", "What is taken for an object that it looks like")
+    add_pictures(c)
+    add_frames(c, 4, "a member of a family")
+    add_look_alikes(c)
+    add_fit(command("fit", "Fits the score of the core anew"))
     add_growth(command("growth", "Time, against objects, keygraphs, corners and pixels"))
     add_rivals(command("rivals", "Time beside OpenCV, on the same frames"))
     return p
@@ -151,6 +165,11 @@ def add_figure(c, name, redraw):
 def add_training(c):
     """Options of commands that look for wrong detections."""
     c.add_argument("--keep", metavar="DIR", help="copy the frames with wrong detections here")
+    add_train(c)
+
+
+def add_train(c):
+    """How models are trained."""
     c.add_argument(
         "--train",
         type=str.split,
@@ -180,6 +199,45 @@ def add_false_alarms(c):
         "--threshold", type=float, default=0.05, metavar="S", help="least score that is counted [default: 0.05]"
     )
     add_training(c)
+
+
+def add_look_alikes(c):
+    """Options of `look-alikes`."""
+    c.add_argument(
+        "--groups", type=positive, default=10, metavar="N", help="groups of five pictures a family [default: 10]"
+    )
+    c.add_argument(
+        "--hidden", type=positive, default=60, metavar="N", help="frames an object, half hidden [default: 60]"
+    )
+    c.add_argument("--bins", type=positive, default=10)
+    add_train(c)
+    add_figure(c, "look-alikes.png", redraw=True)
+
+
+def add_fit(c):
+    """Options of `fit`."""
+    add_pictures(c)
+    add_frames(c, 24, "an object and condition")
+    c.add_argument("truth", nargs="*", metavar="TRUTH.json", help="truth files, whose frames are fitted to as well")
+    for name, default, what in (
+        ("--posters", 12, "drawn objects beside the given ones"),
+        ("--groups", 8, "groups of five look-alikes a family"),
+        ("--trees", 37, "trees"),
+        ("--bins", 10, "bins of the table"),
+    ):
+        c.add_argument(name, type=positive, default=default, metavar="N", help=f"{what} [default: {default}]")
+    c.add_argument(
+        "--bias",
+        type=int,
+        default=44,
+        metavar="STEPS",
+        help="added to the fitted BIAS: 32 steps multiply the odds by 2.7. More finds more that is hidden, and takes "
+        "more look-alikes for it [default: 44]",
+    )
+    c.add_argument(
+        "--write", nargs="?", const=BELIEF, metavar="FILE", help="put the trees into core/src/detect/belief.rs, or FILE"
+    )
+    add_train(c)
 
 
 def add_growth(c):
@@ -225,7 +283,7 @@ def positive(text):
 def main():
     """Runs the command that is asked for."""
     args = parser().parse_args()
-    need(["cv2", "numpy"] if args.command == "rivals" else ["cv2", "numpy", "matplotlib"])
+    need(["cv2", "numpy", *OTHER_PACKAGES.get(args.command, ["matplotlib"])])
     module = importlib.import_module(MODULES[args.command])
     import cv2
 

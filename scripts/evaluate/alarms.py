@@ -68,11 +68,11 @@ class Scored:
         self.progress.add(len(frames))
 
 
-def print_reliability(scored, bins):
-    """Prints the table of (score, right) pairs."""
+def print_reliability(scored, bins, weights=None):
+    """Prints the table of (score, right) pairs, with weights where there are some."""
     if not scored:
         sys.exit("nothing was detected at all: there is nothing to calibrate on")
-    table = reliability(scored, bins)
+    table = reliability(scored, bins, weights)
     print("| score | detections | mean score | share right |")
     print("| --- | --- | --- | --- |")
     for b in table:

@@ -1,5 +1,6 @@
 """Keygraph as a detector: the command, run over frames on disk."""
 
+import copy
 import json
 import math
 import os
@@ -28,8 +29,14 @@ class Keygraph:
     def __init__(self, label, command, folder, train=(), threads=1, threshold=THRESHOLD):
         check_command(command)
         self.label, self.command, self.folder, self.train = label, command, folder, list(train)
-        self.threads, self.threshold = threads, threshold
+        self.threads, self.threshold, self.options = threads, threshold, []
         self.models = {}  # digest of the picture -> (path of the model, its bytes), or why it was refused
+
+    def thorough(self, threshold):
+        """The detector with another least score, and thorough; the two share their models."""
+        other = copy.copy(self)
+        other.threshold, other.options = threshold, ["--thorough"]
+        return other
 
     def model(self, picture):
         """The path and the bytes of the picture's model; raises Refused."""
@@ -56,14 +63,14 @@ class Keygraph:
     def search(self, picture, frames):
         """A `Search` for each of `frames`."""
         run = [self.command, "detect", "-m", self.model(picture)[0], "--json"]
-        run += ["--threshold", str(self.threshold), "--threads", str(self.threads)]
+        run += ["--threshold", str(self.threshold), *self.options, "--threads", str(self.threads)]
         done = subprocess.run(run + [f.path for f in frames], stdout=subprocess.PIPE, text=True, check=False)
         lines = [json.loads(line) for line in done.stdout.splitlines()]
         if done.returncode or len(lines) != len(frames):
             sys.exit(f"`keygraph detect` ended with {done.returncode}: {len(lines)} lines for {len(frames)} frames")
         searches = []
         for line in lines:
-            detections = [Detection(d["score"], d["corners"]) for d in line["detections"]]
+            detections = [Detection(d["score"], d["corners"], d["visible"]) for d in line["detections"]]
             searches.append(Search(sorted(detections, key=lambda d: -d.score), line["time_ms"]["total"]))
         return searches
 

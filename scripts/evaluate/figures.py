@@ -210,6 +210,41 @@ def draw_economy(numbers):
     return figure
 
 
+# ------------------------------------------------------------------ look-alikes
+
+
+def draw_look_alikes(numbers):
+    """Small multiples, a family each: its look-alikes beside half-hidden objects, against the least visible share."""
+    families, rows = numbers["families"], -(-len(numbers["families"]) // 5)
+    figure, axes = plt.subplots(rows, 5, figsize=(14, 0.9 + 2.5 * rows), layout="constrained", sharex=True, sharey=True)
+    figure.get_layout_engine().set(w_pad=0.10, h_pad=0.10, rect=(0, 0.085, 1, 0.80))
+    x, hidden = per_cent(numbers["min_visible"]), per_cent(numbers["found_hidden"])
+    for axis, (family, row) in zip(axes.flat, families.items(), strict=False):
+        axis.plot(x, hidden, "o-", color=BLUE, linewidth=1.8, label="half-hidden objects: found", clip_on=False)
+        wrong = per_cent(row["wrong"])
+        axis.plot(x, wrong, "D-", color=ORANGE, linewidth=2.2, label="look-alikes: wrong", clip_on=False, zorder=5)
+        axis.set_title(family.capitalize() if family.islower() else family)
+        axis.set_xticks([0, 20, 40, 60])
+        per_cent_axis(axis)
+    for above, axis in zip(axes.flat[len(families) - 5 :], axes.flat[len(families) :], strict=False):
+        above.tick_params(labelbottom=True)
+        axis.axis("off")
+    handles, names = axes.flat[0].get_legend_handles_labels()
+    title = "Look-alikes taken for the object, and half-hidden objects found, in 100 looks"
+    figure.suptitle(title, x=0.012, y=0.985, ha="left", fontsize=15, fontweight="bold")
+    place = dict(loc="upper left", bbox_to_anchor=(0.003, 0.945), ncols=2, frameon=False, fontsize=12.5)
+    figure.legend(handles, names, **place)
+    figure.supxlabel("--min-visible, % of the object", y=0.062, fontsize=11)
+    looks = min(row["looks"] for row in families.values())
+    text = (
+        f"Of each family {numbers['groups']} groups of five pictures; each picture is looked for in frames that show "
+        f"another of its group: {looks:,} looks. Half hidden: {numbers['objects']} objects, "
+        f"{numbers['objects'] * numbers['hidden']:,} frames."
+    )
+    figure.text(0.012, 0.012, text, fontsize=10.5, color="#555555")
+    return figure
+
+
 # ------------------------------------------------------------------ growth
 
 

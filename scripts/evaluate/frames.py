@@ -5,6 +5,7 @@ programs; this file chooses what to render. A frame is 640x480 px. It shows one 
 a part of another picture; a part of it may be hidden behind a third one.
 """
 
+import functools
 import hashlib
 import json
 import os
@@ -97,14 +98,20 @@ def keep(folder, name, frame):
 
 def build_renderer():
     """Builds the renderer where it is not there yet; gives its path."""
-    build = ["cargo", "build", "--release", "--quiet", "--example", "render", "-p", "keygraph"]
+    return build_example("render")
+
+
+@functools.cache
+def build_example(name):
+    """Builds a program of host/examples where it is not there yet; gives its path."""
+    build = ["cargo", "build", "--release", "--quiet", "--example", name, "-p", "keygraph"]
     try:
         done = subprocess.run(build, cwd=ROOT, check=False).returncode == 0
     except FileNotFoundError:
         sys.exit("Rust is missing: install it as https://rustup.rs says")
     if not done:
-        sys.exit(f"the renderer cannot be built: {' '.join(build)}")
-    return os.path.join(RELEASE, "examples", "render")
+        sys.exit(f"the example {name} cannot be built: {' '.join(build)}")
+    return os.path.join(RELEASE, "examples", name)
 
 
 class Renderer:

@@ -8,7 +8,12 @@ import sys
 from places import ROOT
 
 # Module -> package.
-PACKAGES = {"cv2": "opencv-python-headless", "numpy": "numpy", "matplotlib": "matplotlib"}
+PACKAGES = {
+    "cv2": "opencv-python-headless",
+    "numpy": "numpy",
+    "matplotlib": "matplotlib",
+    "sklearn": "scikit-learn",
+}
 FOLDER = os.path.join(ROOT, "out", "evaluate")
 
 
@@ -28,6 +33,17 @@ def need(modules):
         print(f"{', '.join(missing)} missing: a virtual environment is made in {FOLDER}", file=sys.stderr)
         run([sys.executable, "-m", "venv", FOLDER], missing)
     os.execv(python, [python, *sys.argv])
+
+
+def missing_for_tests(modules):
+    """Whether tests must be skipped for lack of `modules`. Says so; with KEYGRAPH_MUST_NOT_SKIP it is an error."""
+    missing = [module for module in modules if importlib.util.find_spec(module) is None]
+    if missing and os.environ.get("KEYGRAPH_MUST_NOT_SKIP"):
+        raise ImportError(f"{', '.join(missing)} missing, and nothing may be skipped")
+    if missing:
+        packages = " ".join(PACKAGES[module] for module in missing)
+        print(f"SKIPPED: {', '.join(missing)} missing; install with: pip install {packages}", file=sys.stderr)
+    return bool(missing)
 
 
 def install(modules):

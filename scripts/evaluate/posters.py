@@ -29,6 +29,11 @@ def poster(seed, textures):
     return pixels
 
 
+def read_textures():
+    """The textures, which are objects nowhere."""
+    return [cv2.imread(os.path.join(PICTURES, f"{name}.jpg")) for name in ("brick", "gravel")]
+
+
 def ground(rng, size, textures):
     """One colour that fades into another, and a part of a texture."""
     w, h = size
@@ -80,7 +85,7 @@ def draw_words(rng, pixels):
 
 def poster_models(command, folder, n):
     """Paths of the models of `n` posters in `folder`, trained where they are not there yet."""
-    textures = [cv2.imread(os.path.join(PICTURES, f"{name}.jpg")) for name in ("brick", "gravel")]
+    textures = read_textures()
     progress = Progress(n, "models")
 
     def train(i):

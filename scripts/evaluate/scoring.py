@@ -16,10 +16,11 @@ THRESHOLD = 0.8  # least score that the command reports unless it is told otherw
 
 @dataclass
 class Detection:
-    """One outline, and how sure the detector is of it (0 to 1)."""
+    """One outline, how sure the detector is of it, and how much of the object it sees (0 to 1)."""
 
     score: float
     corners: list
+    visible: float = 1.0
 
 
 @dataclass
@@ -113,6 +114,18 @@ def is_found(detections, truth):
     return any(verdict.right for verdict in judge(detections[:1], truth))
 
 
+def shares_of(looks, least, count):
+    """For each visible share in `least`, the share of looks that count when what shows less is left out.
+
+    `looks` are (detections, truth) pairs, and `count` takes both.
+    """
+    shares = []
+    for visible in least:
+        counted = (count([d for d in found if d.visible >= visible], truth) for found, truth in looks)
+        shares.append(sum(map(bool, counted)) / len(looks))
+    return shares
+
+
 # ------------------------------------------------------------------ scores
 
 
@@ -132,25 +145,22 @@ class Bin:
         return abs(self.mean_score - self.share_right)
 
 
-def reliability(scored, bins):
+def reliability(scored, bins, weights=None):
     """The bins of (score, right) pairs, lowest first, without the empty ones.
 
-    A score on a bin's lower edge belongs to it; 1 belongs to the last bin.
+    A score on a bin's lower edge belongs to it; 1 belongs to the last bin. Means and shares are
+    weighted where weights are given.
     """
     members = [[] for _ in range(bins)]
-    for score, right in scored:
-        members[min(int(score * bins), bins - 1)].append((score, right))
-    return [
-        Bin(
-            i / bins,
-            (i + 1) / bins,
-            len(inside),
-            sum(score for score, _ in inside) / len(inside),
-            sum(right for _, right in inside) / len(inside),
-        )
-        for i, inside in enumerate(members)
-        if inside
-    ]
+    for (score, right), weight in zip(scored, weights if weights is not None else [1] * len(scored), strict=True):
+        members[min(int(score * bins), bins - 1)].append((score, right, weight))
+    table = []
+    for i, inside in enumerate(members):
+        weight = sum(w for _, _, w in inside)
+        if inside:
+            mean, share = (sum(row[k] * row[2] for row in inside) / weight for k in (0, 1))
+            table.append(Bin(i / bins, (i + 1) / bins, len(inside), mean, share))
+    return table
 
 
 def mean_gap(bins):

@@ -36,7 +36,7 @@ if sys.argv[1] == "train":
         sys.exit("too little to hold on to")
     print(json.dumps({"bytes": 1234}))
 else:
-    found = [{"score": s, "corners": [[s, 0], [1, 0], [1, 1], [0, 1]]} for s in (0.3, 0.9)]
+    found = [{"score": s, "corners": [[s, 0], [1, 0], [1, 1], [0, 1]], "visible": s / 2} for s in (0.3, 0.9)]
     for frame in sys.argv[sys.argv.index("--threads") + 2:]:
         if "missing" not in frame:
             print(json.dumps({"detections": found, "time_ms": {"total": 2.5}}))
@@ -161,10 +161,18 @@ class Command(Folder):
         search = self.keygraph().search(Picture("a"), [Frame("0.jpg"), Frame("1.jpg")])[1]
         self.assertEqual([d.score for d in search.detections], [0.9, 0.3])
         self.assertEqual(search.detections[0].corners[0], [0.9, 0])
+        self.assertEqual(search.detections[0].visible, 0.45)
         self.assertEqual(search.ms, 2.5)
 
     def test_size_is_what_training_says(self):
         self.assertEqual(self.keygraph().size(Picture("a")), 1234)
+
+    def test_another_threshold_needs_no_other_model(self):
+        keygraph = self.keygraph()
+        low = keygraph.thorough(0.0)
+        self.assertEqual((keygraph.threshold, low.threshold), (0.8, 0.0))
+        self.assertEqual((keygraph.options, low.options), ([], ["--thorough"]))
+        self.assertIs(keygraph.model(Picture("a")), low.model(Picture("a")))
 
     def test_a_missing_line_is_told(self):
         with self.assertRaisesRegex(SystemExit, "1 lines for 2 frames"):

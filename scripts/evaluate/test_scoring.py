@@ -115,6 +115,12 @@ class Verdicts(unittest.TestCase):
         self.assertFalse(scoring.is_found(found(), TRUTH))
         self.assertFalse(scoring.is_found(found(0), None))
 
+    def test_what_shows_too_little_is_left_out(self):
+        half = [Detection(0.9, moved(0), 0.5), Detection(0.85, moved(500), 0.7)]
+        looks = [(half, TRUTH), ([], TRUTH)]
+        self.assertEqual(scoring.shares_of(looks, [0, 0.5, 0.6], scoring.is_found), [0.5, 0.5, 0])
+        self.assertEqual(scoring.shares_of(looks, [0, 0.6, 0.8], lambda found, _: found), [0.5, 0.5, 0])
+
 
 class Reliability(unittest.TestCase):
     def test_bins_hold_counts_means_and_shares(self):
@@ -130,6 +136,12 @@ class Reliability(unittest.TestCase):
     def test_a_score_of_1_belongs_to_the_last_bin(self):
         bins = scoring.reliability([(1.0, True), (0.0, False)], 5)
         self.assertEqual([(b.low, b.count) for b in bins], [(0.0, 1), (0.8, 1)])
+
+    def test_weights_move_means_and_shares_but_not_counts(self):
+        (row,) = scoring.reliability([(0.82, True), (0.88, False)], 10, [3, 1])
+        self.assertEqual(row.count, 2)
+        self.assertAlmostEqual(row.mean_score, (3 * 0.82 + 0.88) / 4)
+        self.assertAlmostEqual(row.share_right, 0.75)
 
     def test_mean_gap_weighs_bins_by_their_detections(self):
         # Three at 0.95, all right: a gap of 0.05. One at 0.25, right: a gap of 0.75.
