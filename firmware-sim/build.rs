@@ -18,6 +18,8 @@ fn main() {
     };
     let out = PathBuf::from(env::var("OUT_DIR").expect("cargo sets OUT_DIR"));
     fs::copy(format!("memory/{board}.x"), out.join("memory.x")).expect("memory/ holds a file for each board");
+    // The firmware has no handlers of its own for the interrupts of its board.
+    fs::write(out.join("device.x"), "").expect("OUT_DIR can be written");
     println!("cargo:rustc-link-search={}", out.display());
     println!("cargo:rerun-if-env-changed=KEYGRAPH_MODEL");
     if env::var_os("CARGO_FEATURE_SAMPLE").is_some() {

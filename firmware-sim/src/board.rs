@@ -276,6 +276,20 @@ pub fn undefined_instruction() -> ! {
     unsafe { asm!("udf #0", options(noreturn, nomem, nostack)) }
 }
 
+/// Number of interrupts of the emulated boards.
+const INTERRUPTS: usize = 32;
+
+unsafe extern "C" {
+    fn DefaultHandler();
+}
+
+/// Handlers of the board's interrupts: none is used, and each one that comes is an error.
+// SAFETY: the table has the place and the form that the processor reads; no other static has this
+// name, because the crate that would make one leaves it to us (feature `device`).
+#[unsafe(no_mangle)]
+#[unsafe(link_section = ".vector_table.interrupts")]
+static __INTERRUPTS: [unsafe extern "C" fn(); INTERRUPTS] = [DefaultHandler; INTERRUPTS];
+
 /// Ends the emulator with status 0.
 pub fn finish() -> ! {
     semihosting::process::exit(0)
