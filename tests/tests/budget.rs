@@ -1,0 +1,102 @@
+//! A search that is told to stop: it ends at once, says so, and is continued in the next frame.
+#![allow(clippy::unwrap_used)]
+
+use std::sync::Mutex;
+
+use keygraph_core::{DEFAULT_THRESHOLD, Frame, Model, Observer, PixelFormat, Preset, Tracker, VgaDetector, VgaTrainer};
+
+/// Lets a search ask a number of times, then stops it.
+struct Budget {
+    asked: u32,
+    most: u32,
+}
+
+impl Observer for Budget {
+    fn now(&mut self) -> u64 {
+        0
+    }
+
+    fn goes_on(&mut self) -> bool {
+        self.asked += 1;
+        assert!(self.asked <= self.most, "a search that was stopped asks no more");
+        self.asked < self.most
+    }
+}
+
+/// A picture of random blocks, and a frame that shows it small before other blocks.
+fn picture(w: usize, h: usize, seed: u32) -> Vec<u8> {
+    let value = |i: usize| {
+        let block = ((i / w / 12) * 97 + i % w / 12) as u32;
+        ((block ^ seed).wrapping_mul(2_654_435_761) >> 24) as u8
+    };
+    (0..w * h).map(value).collect()
+}
+
+fn model(pixels: &[u8], side: usize) -> Vec<u8> {
+    static TRAINER: Mutex<VgaTrainer> = Mutex::new(VgaTrainer::new());
+    let frame = Frame::new(PixelFormat::Gray8, side, side, pixels).unwrap();
+    let params = Preset::Compact.params("blocks", true);
+    let mut bytes = vec![0; 512 << 10];
+    let trained = TRAINER.lock().unwrap().train(&frame, (side as u32, side as u32), &params, &mut bytes).unwrap();
+    bytes.truncate(trained.bytes);
+    bytes
+}
+
+fn scene(object: &[u8], side: usize) -> Vec<u8> {
+    let (w, h) = (640, 480);
+    let mut frame = picture(w, h, 77);
+    for y in 0..side {
+        frame[(y + 100) * w + 180..][..side].copy_from_slice(&object[y * side..][..side]);
+    }
+    frame
+}
+
+#[test]
+fn a_search_ends_wherever_it_is_told_to_and_says_so() {
+    static DETECTOR: Mutex<VgaDetector> = Mutex::new(VgaDetector::new());
+    let object = picture(240, 240, 5);
+    let (bytes, pixels) = (model(&object, 240), scene(&object, 240));
+    let model = Model::parse(&bytes).unwrap();
+    let frame = Frame::new(PixelFormat::Gray8, 640, 480, &pixels).unwrap();
+    let mut detector = DETECTOR.lock().unwrap();
+    let mut whole = Budget { asked: 0, most: u32::MAX };
+    let all = detector.detect(&frame, &model, DEFAULT_THRESHOLD, &mut whole).unwrap().to_vec();
+    assert_eq!(all.len(), 1);
+    assert!(!detector.stats().stopped);
+    let mut found = Vec::new();
+    for most in (1..whole.asked).step_by(97).chain([whole.asked]) {
+        let mut budget = Budget { asked: 0, most };
+        let part = detector.detect(&frame, &model, DEFAULT_THRESHOLD, &mut budget).unwrap().to_vec();
+        assert!(detector.stats().stopped, "{most}");
+        assert!(part.iter().all(|d| all.contains(d)), "what is found early is what is found at last");
+        found.push(part.len());
+    }
+    assert!(found[0] == 0 && found.is_sorted(), "more time finds no less: {found:?}");
+}
+
+#[test]
+fn a_tracker_goes_on_where_the_frame_before_stopped() {
+    static DETECTOR: Mutex<VgaDetector> = Mutex::new(VgaDetector::new());
+    let object = picture(240, 240, 6);
+    let (bytes, pixels) = (model(&object, 240), scene(&object, 240));
+    let model = Model::parse(&bytes).unwrap();
+    let frame = Frame::new(PixelFormat::Gray8, 640, 480, &pixels).unwrap();
+    let mut detector = DETECTOR.lock().unwrap();
+    let mut whole = Budget { asked: 0, most: u32::MAX };
+    detector.detect(&frame, &model, DEFAULT_THRESHOLD, &mut whole).unwrap();
+    // Four fifths of what the object needs.
+    let (mut tracker, mut frames) = (Tracker::new(), 0);
+    while frames < 12 {
+        let mut budget = Budget { asked: 0, most: whole.asked * 4 / 5 };
+        frames += 1;
+        if !tracker.track(&mut detector, &frame, &model, DEFAULT_THRESHOLD, &mut budget).unwrap().is_empty() {
+            break;
+        }
+    }
+    assert!((2..12).contains(&frames), "found after some frames: {frames}");
+    // What is known is followed, however short the time is.
+    for _ in 0..12 {
+        let mut budget = Budget { asked: 0, most: 1 };
+        assert_eq!(tracker.track(&mut detector, &frame, &model, DEFAULT_THRESHOLD, &mut budget).unwrap().len(), 1);
+    }
+}
