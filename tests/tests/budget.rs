@@ -1,5 +1,5 @@
 //! A search that is told to stop: it ends at once, says so, and is continued in the next frame.
-#![allow(clippy::unwrap_used)]
+#![allow(clippy::unwrap_used, clippy::cast_possible_truncation)]
 
 use std::sync::Mutex;
 

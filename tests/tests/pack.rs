@@ -349,7 +349,7 @@ fn a_buffer_without_room_is_told_what_is_needed() {
 fn nothing_and_too_many_are_refused() {
     assert_eq!(packed_len(&[]), Err(PackError::Nothing));
     assert_eq!(pack(&[], &mut [0; 1 << 12]), Err(PackError::Nothing));
-    assert!(format!("{:#}", merge(&[]).unwrap_err()).contains("no model"));
+    assert!(format!("{:#}", merge(&[] as &[Vec<u8>]).unwrap_err()).contains("no model"));
 
     // Each copy of the model adds two views.
     let small = small_model(Method::Keygraph, FeatureKind::Luma, 8);

@@ -257,6 +257,8 @@ fn merge_all(entries: &[Entry]) -> Result<Option<Arc<Vec<u8>>>> {
 #[cfg(test)]
 #[allow(clippy::cast_possible_truncation, reason = "noise")]
 mod tests {
+    use std::fs;
+
     use super::*;
     use crate::input::{Picture, Pixels};
     use crate::learn::{Preset, train_within};
