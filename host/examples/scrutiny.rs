@@ -29,6 +29,7 @@ use std::process::ExitCode;
 use anyhow::{Context, Result};
 use keygraph::input::read_picture;
 use keygraph::search::{Profile, fit};
+use keygraph_core::stages::pace::Steady;
 use keygraph_core::stages::pyramid::Pyramid;
 use keygraph_core::stages::scrutiny::scrutinise;
 use keygraph_core::{Frame, Model, VgaDetector, chroma_bytes, luma_bytes};
@@ -86,7 +87,7 @@ impl Bench {
                 let corners = d.corners.map(|p| [0, 1].map(|i| (p[i] + 0.5) / scaled.scale[i] - 0.5));
                 let told = json!({
                     "pair": at, "thorough": thorough, "object": d.object, "score": d.score, "corners": corners,
-                    "properties": scrutinise(&planes.view(), &model, d).0,
+                    "properties": scrutinise(&planes.view(), &model, d, &mut Steady).0,
                 });
                 writeln!(stdout(), "{told}").context("standard output")?;
             }

@@ -378,12 +378,12 @@ fn a_telephone_with_a_token() {
         "--web",
         "0.0.0.0:0",
         "--token",
-        "open sesame",
+        "open-sesame-12345",
     ]);
     let mut tab = browser.tab(&format!("http://{}/", live.place), (390, 844, 3));
     tab.wait_for("!$('key').hidden && shown === null");
     tab.evaluate("$('token').focus()");
-    tab.type_text("open sesame");
+    tab.type_text("open-sesame-12345");
     tab.key("Enter", "\r");
     tab.wait_for("$('key').hidden && shown.line.detections.length === 1");
     let widths = tab.evaluate("[document.documentElement.scrollWidth, innerWidth, view.width / view.clientWidth]");

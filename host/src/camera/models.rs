@@ -262,6 +262,7 @@ mod tests {
     use super::*;
     use crate::input::{Picture, Pixels};
     use crate::learn::{Preset, train_within};
+    use crate::scratch::Folder;
     use std::thread;
     use std::time::{Duration, Instant};
 
@@ -274,7 +275,7 @@ mod tests {
 
     #[test]
     fn models_are_merged_once_at_the_start() {
-        let folder = crate::scratch::Folder::new("merged-once");
+        let folder = Folder::new("merged-once");
         let model = model();
         let paths: Vec<_> = (0..6).map(|i| folder.0.join(format!("{i}.kgm"))).collect();
         paths.iter().for_each(|path| fs::write(path, &model).expect("writes"));
