@@ -254,8 +254,8 @@ fn merge_all(entries: &[Entry]) -> Result<Option<Arc<Vec<u8>>>> {
     })
 }
 
-#[cfg(test)]
 #[allow(clippy::cast_possible_truncation, reason = "noise")]
+#[cfg(test)]
 mod tests {
     use std::fs;
 
