@@ -238,7 +238,7 @@ fn names_of_any_kind_and_what_other_runs_left() {
     let url = format!("mqtt://127.0.0.1:{port}/test");
     let mut live = scene.start("5", &url, &["--mqtt-discovery", "home"]);
     subscriber.wait_for("test/status", |p| p == "online");
-    let config = subscriber.wait_for("home/binary_sensor/keygraph_test/a_2Fb_01_20_C3_A9/config", |_| true);
+    let config = subscriber.wait_for("home/binary_sensor/keygraph_test/a_2Fb_20_2B_23_20_C3_A9/config", |_| true);
     let config: Value = serde_json::from_str(&config).unwrap();
     let topic = "test/objects/a%2Fb%20%2B%23%20%C3%A9";
     assert_eq!([&config["name"], &config["state_topic"], &config["availability_topic"]], [name, topic, "test/status"]);
