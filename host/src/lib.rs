@@ -3,7 +3,7 @@
 //!
 //! A file uses only files above it:
 //!
-//! - [`file`]: which names stand for one file, and how a whole file is read
+//! - [`mod@file`]: which names stand for one file, and how a whole file is read
 //! - [`picture`], [`yuv4mpeg`]: pixels, and the files and streams that hold them
 //! - `ffmpeg`: the child process that decodes and encodes videos
 //! - [`input`]: pictures, folders, videos and streams as one sequence of frames

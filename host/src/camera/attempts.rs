@@ -1,11 +1,11 @@
 //! Attempts to guess the token: slowed and logged.
 //!
 //! In: the address that sent a wrong token. Out: how long the answer is held back: longer
-//! with each failure, up to 5 s. An address with [`MOST_HELD`] answers held back gets no
+//! with each failure, up to 5 s. An address with `MOST_HELD` answers held back gets no
 //! other answer meanwhile, so that guessing is slow over many connections too. Somebody who
 //! sends the right token does not wait.
 //!
-//! Memory: [`MOST_ADDRESSES`] addresses; the oldest is forgotten for a new one. Cost: a walk
+//! Memory: `MOST_ADDRESSES` addresses; the oldest is forgotten for a new one. Cost: a walk
 //! over them a failure.
 
 use std::net::{IpAddr, Ipv6Addr};

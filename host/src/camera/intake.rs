@@ -1,9 +1,9 @@
 //! Bodies of requests, and those who wait to train.
 //!
 //! In: bodies, as they arrive. Out: whole bodies, and turns to train, one at a time. A body
-//! that stops arriving is given up after [`SILENCE`]. All bodies together have [`BUDGET_KIB`],
+//! that stops arriving is given up after `SILENCE`. All bodies together have `BUDGET_KIB`,
 //! which a body takes as it arrives: one that was announced and is not sent takes none.
-//! [`MOST_WAITING`] learners wait for their turn; others are told to come back later.
+//! `MOST_WAITING` learners wait for their turn; others are told to come back later.
 //!
 //! Memory: the budget. Cost: a copy of each body.
 

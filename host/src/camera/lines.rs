@@ -1,7 +1,7 @@
 //! The JSON lines on standard output, written by a thread of their own.
 //!
 //! In: a line a frame, from the search, which never waits. Out: the lines in their order.
-//! When nobody reads them, [`QUEUE`] lines wait; newer ones are dropped, counted and told of.
+//! When nobody reads them, `QUEUE` lines wait; newer ones are dropped, counted and told of.
 //! The thread that writes may wait for ever; the end of the program does not wait for it.
 //!
 //! Memory: the lines that wait, a few KB each. Cost: a copy and a system call a line.
@@ -80,7 +80,7 @@ impl Lines {
         }
     }
 
-    /// Waits until all lines are written, [`FAREWELL`] at most. Returns whether they are.
+    /// Waits until all lines are written, `FAREWELL` at most. Returns whether they are.
     pub fn end(self) -> bool {
         let Self { queue, writing, failure, .. } = self;
         drop(queue);

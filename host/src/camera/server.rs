@@ -1,9 +1,9 @@
 //! Connections to the page: how many there are, and how long they may be silent.
 //!
 //! In: a listener and the routes of the page. Out: answers. A connection that has not sent
-//! the head of a request after [`SILENCE`] is closed, also between two requests. One whose
-//! client does not read its answer is closed after [`UNREAD`] (Linux). When
-//! [`MOST_CONNECTIONS`] are open, others wait until one of them is closed.
+//! the head of a request after `SILENCE` is closed, also between two requests. One whose
+//! client does not read its answer is closed after `UNREAD` (Linux). When
+//! `MOST_CONNECTIONS` are open, others wait until one of them is closed.
 //!
 //! Memory: some 20 KB a connection, and the answers that are being sent. Cost: a task a
 //! connection.

@@ -3,7 +3,7 @@
 //! In: messages of the [`Board`]. Out: they are at the broker, in their order, and what the
 //! broker holds is told to the board. Attempts to connect are 1, 2, 4 ... 30 seconds apart.
 //!
-//! Memory: [`QUEUE`] messages. Cost: negligible.
+//! Memory: `QUEUE` messages. Cost: negligible.
 
 use std::sync::Arc;
 use std::time::Duration;

@@ -129,7 +129,7 @@ impl Publisher {
 }
 
 /// Publishes messages until `stopped`, then says that the program ends, and disconnects. Takes
-/// at most [`GOODBYE`] for that.
+/// at most `GOODBYE` for that.
 pub async fn publish(outlet: Outlet, mut stopped: watch::Receiver<bool>) {
     let Outlet { broker, board } = outlet;
     let (client, events) = link::client(&broker);
