@@ -9,6 +9,7 @@
 use anyhow::Result;
 use image::imageops::{FilterType, resize};
 use image::{Rgb, RgbImage, imageops};
+use keygraph_core::stages::frame::NO_CHROMA;
 use keygraph_core::{Detection, Model, Object};
 
 use crate::canvas::Canvas;
@@ -25,8 +26,6 @@ const PARTS: usize = 12;
 const AGREES: f32 = 0.5;
 /// Brightness of the parts that are not shared.
 const DARK: f32 = 0.2;
-/// Number of blocks of an object.
-const BLOCKS: f32 = 36.0;
 
 /// Two objects that look alike.
 #[derive(Clone, Debug)]
@@ -63,7 +62,7 @@ pub fn copy_of(object: &Object<'_>) -> Picture {
 /// green against blue, as parts of the largest of the three.
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "limited to a byte")]
 fn colour(luma: u8, [along, across]: [i8; 2]) -> [u8; 3] {
-    if along == i8::MIN {
+    if along == NO_CHROMA {
         return [luma; 3];
     }
     let (s, d) = (f32::from(along) / 63.5, f32::from(across) / (63.5 * 1.732_050_8));
@@ -84,7 +83,7 @@ pub fn alike(object: &Object<'_>, model: &Model<'_>) -> Result<Vec<Alike>> {
     let mut alike: Vec<Alike> = Vec::new();
     for detection in found.detections {
         let taken = usize::from(detection.object);
-        let share = detection.appearance.visible * f32::from(detection.appearance.inside) / BLOCKS;
+        let share = detection.appearance.share();
         if !alike.iter().any(|a| a.taken == taken && a.share >= share) {
             alike.retain(|a| a.taken != taken);
             alike.push(Alike { taken, share, score: detection.score, detection });
@@ -95,8 +94,8 @@ pub fn alike(object: &Object<'_>, model: &Model<'_>) -> Result<Vec<Alike>> {
 }
 
 impl Alike {
-    /// Draws both pictures side by side, dark where they differ. `shown` and `taken` are the objects
-    /// with these indices.
+    /// Draws both pictures side by side, dark where they differ: that of the object that was
+    /// searched, and that of the one that was found in it.
     #[must_use]
     pub fn draw(&self, shown: &Object<'_>, taken: &Object<'_>) -> Canvas {
         let (left, right) = (copy_of(shown), copy_of(taken));

@@ -26,6 +26,8 @@ use crate::picture::extension;
 const DRAFT_START: &str = ".keygraph-";
 /// How the names of unfinished files end.
 const DRAFT_END: &str = ".part";
+/// Maximum number of characters of a file's name that is made of an object's.
+const LONGEST: usize = 48;
 /// Random characters in the name of an unfinished file.
 const DRAFT_RANDOM: usize = 16;
 
@@ -79,6 +81,14 @@ pub fn check_name(name: &str) -> Result<()> {
 }
 
 // --------------------------------------------------------------------- files
+
+/// Converts the name of an object to a file name that every system takes.
+#[must_use]
+pub fn file_stem(name: &str) -> String {
+    let plain = |c: char| if c.is_alphanumeric() || "-_ ".contains(c) { c } else { '_' };
+    let stem: String = name.trim().chars().map(plain).take(LONGEST).collect();
+    if stem.is_empty() { "object".into() } else { stem }
+}
 
 /// The files that a command reads. It must not overwrite them.
 #[derive(Debug, Default)]
@@ -307,6 +317,15 @@ mod tests {
 
     fn mode(path: &Path) -> u32 {
         fs::metadata(path).expect("there").permissions().mode() & 0o777
+    }
+
+    #[test]
+    fn names_become_names_of_files() {
+        assert_eq!(file_stem("../../etc/passwd"), "______etc_passwd");
+        assert_eq!(file_stem(" Brücke 7 "), "Brücke 7");
+        assert_eq!(file_stem(".hidden"), "_hidden");
+        assert_eq!(file_stem("  "), "object");
+        assert_eq!(file_stem(&"x".repeat(300)).len(), LONGEST);
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! A search that is told to stop: it ends at once and says so, and what is known is followed.
+//! A search that is told to stop ends at once and says so, and what is known is followed.
 #![allow(clippy::unwrap_used, clippy::cast_possible_truncation)]
 
 use std::sync::Mutex;
@@ -53,13 +53,28 @@ fn scene(object: &[u8], side: usize) -> Vec<u8> {
     frame
 }
 
+/// An object, its model, and a frame that shows it.
+struct Sample {
+    model: Vec<u8>,
+    pixels: Vec<u8>,
+}
+
+impl Sample {
+    fn new(seed: u32) -> Self {
+        let object = picture(240, 240, seed);
+        Self { model: model(&object, 240), pixels: scene(&object, 240) }
+    }
+
+    fn lend(&self) -> (Model<'_>, Frame<'_>) {
+        (Model::parse(&self.model).unwrap(), Frame::new(PixelFormat::Gray8, 640, 480, &self.pixels).unwrap())
+    }
+}
+
 #[test]
 fn a_search_ends_wherever_it_is_told_to_and_says_so() {
     static DETECTOR: Mutex<VgaDetector> = Mutex::new(VgaDetector::new());
-    let object = picture(240, 240, 5);
-    let (bytes, pixels) = (model(&object, 240), scene(&object, 240));
-    let model = Model::parse(&bytes).unwrap();
-    let frame = Frame::new(PixelFormat::Gray8, 640, 480, &pixels).unwrap();
+    let sample = Sample::new(5);
+    let (model, frame) = sample.lend();
     let mut detector = DETECTOR.lock().unwrap();
     let mut whole = Budget { asked: 0, most: u32::MAX };
     let all = detector.detect(&frame, &model, DEFAULT_THRESHOLD, &mut whole).unwrap().to_vec();
@@ -79,24 +94,19 @@ fn a_search_ends_wherever_it_is_told_to_and_says_so() {
 #[test]
 fn a_tracker_follows_what_it_knows_however_short_the_time_is() {
     static DETECTOR: Mutex<VgaDetector> = Mutex::new(VgaDetector::new());
-    let object = picture(240, 240, 6);
-    let (bytes, pixels) = (model(&object, 240), scene(&object, 240));
-    let model = Model::parse(&bytes).unwrap();
-    let frame = Frame::new(PixelFormat::Gray8, 640, 480, &pixels).unwrap();
-    let mut detector = DETECTOR.lock().unwrap();
-    let mut tracker = Tracker::new();
+    let sample = Sample::new(6);
+    let (model, frame) = sample.lend();
+    let (mut tracker, mut detector) = (Tracker::new(), DETECTOR.lock().unwrap());
+    let mut track = |most: u32| {
+        let mut budget = Budget { asked: 0, most };
+        let seen = tracker.track(&mut detector, &frame, &model, DEFAULT_THRESHOLD, &mut budget).unwrap().len();
+        (seen, tracker.searched(), tracker.stats().stopped)
+    };
     for _ in 0..6 {
-        let mut budget = Budget { asked: 0, most: 200 };
-        assert!(tracker.track(&mut detector, &frame, &model, DEFAULT_THRESHOLD, &mut budget).unwrap().is_empty());
-        assert!(tracker.searched() && tracker.stats().stopped, "it goes on in the next frame");
+        assert_eq!(track(200), (0, true, true), "too short a time finds nothing and says so, in each frame");
     }
-    let mut budget = Budget { asked: 0, most: u32::MAX };
-    while tracker.track(&mut detector, &frame, &model, DEFAULT_THRESHOLD, &mut budget).unwrap().is_empty() {
-        assert!(budget.asked < 1_000_000, "with enough time the object is found within a round of the steps");
-    }
-    // What is known is followed, however short the time is.
+    assert_eq!(track(u32::MAX), (1, true, false), "with enough time the object is found");
     for _ in 0..12 {
-        let mut budget = Budget { asked: 0, most: 1 };
-        assert_eq!(tracker.track(&mut detector, &frame, &model, DEFAULT_THRESHOLD, &mut budget).unwrap().len(), 1);
+        assert_eq!(track(1).0, 1, "what is known is followed");
     }
 }

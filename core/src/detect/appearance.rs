@@ -50,6 +50,15 @@ pub struct Appearance {
     pub chroma: f32,
 }
 
+impl Appearance {
+    /// Share of the whole object that is seen and agrees, 0 to 1: what lies outside the frame counts
+    /// as not seen.
+    #[must_use]
+    pub fn share(&self) -> f32 {
+        self.visible * f32::from(self.inside) / (BLOCKS * BLOCKS) as f32
+    }
+}
+
 /// Whether an outline can be that of a picture seen by a camera. It must be convex and not
 /// mirrored, its area must be at least `min_area` square px, and no side may be shorter than its
 /// opposite by a factor of `max_ratio` or more.

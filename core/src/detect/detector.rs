@@ -33,10 +33,6 @@ pub const DEFAULT_THRESHOLD: f32 = 0.8;
 pub struct Detector<P: Profile + ?Sized> {
     thorough: bool,
     visible: f32,
-    /// Number of steps of the plan that the next search leaves out.
-    skipped: u16,
-    /// Number of the step at which the last search was stopped, or 0.
-    stopped_at: u16,
     buffers: P,
 }
 
@@ -62,13 +58,13 @@ impl<
     /// Creates an idle detector; all its bytes are zero.
     #[must_use]
     pub const fn new() -> Self {
-        Self { thorough: false, visible: 0.0, skipped: 0, stopped_at: 0, buffers: Buffers::new() }
+        Self { thorough: false, visible: 0.0, buffers: Buffers::new() }
     }
 }
 
 impl<P: Profile + Default> Default for Detector<P> {
     fn default() -> Self {
-        Self { thorough: false, visible: 0.0, skipped: 0, stopped_at: 0, buffers: P::default() }
+        Self { thorough: false, visible: 0.0, buffers: P::default() }
     }
 }
 
@@ -90,13 +86,6 @@ impl<P: Profile + ?Sized> Detector<P> {
     /// [`Appearance::visible`]: crate::Appearance::visible
     pub const fn set_min_visible(&mut self, visible: f32) {
         self.visible = visible;
-    }
-
-    /// Makes the next searches leave out the first steps of their plan. Returns the number of the step
-    /// at which the last search was stopped, or 0 when it was complete.
-    pub(crate) const fn skip(&mut self, steps: u16) -> u16 {
-        self.skipped = steps;
-        self.stopped_at
     }
 
     /// Searches `frame` for the objects of `model`. Returns the detections that score at least
@@ -145,7 +134,7 @@ impl<P: Profile + ?Sized> Detector<P> {
         let plan = Plan::new(Scope::from(model), model.method().parameters(), wish);
         let lent = cleared(self.buffers.lend());
         check(frame, limits, &lent.pyramid)?;
-        self.stopped_at = detect(lent, frame, model, &plan, self.skipped, observer, finder)?;
+        detect(lent, frame, model, &plan, observer, finder)?;
         #[cfg(feature = "defmt")]
         self.log(model);
         Ok(self.detections())
@@ -287,10 +276,9 @@ fn detect(
     frame: &Frame<'_>,
     model: &Model<'_>,
     plan: &Plan,
-    skipped: u16,
     observer: &mut dyn Observer,
     finder: Option<&mut dyn Finder>,
-) -> Result<u16, FrameError> {
+) -> Result<(), FrameError> {
     let Lent { mut pyramid, scratch, mesh, corners, points, triples, keygraphs, features, spans, .. } = lent;
     let Lent { votes, bins, pairs, findings, tally, .. } = lent;
     let mut laps = Laps::new(observer);
@@ -312,5 +300,6 @@ fn detect(
     };
     let scene = Scene { pyramid, points, spans, keygraphs, features, corners, triples, coarse: 0, has_finest: false };
     let context = Context { model, finder, tally, laps: &mut laps };
-    Ok(Search { context, scene, votes, bins, pairs, findings }.run(plan, skipped))
+    Search { context, scene, votes, bins, pairs, findings }.run(plan);
+    Ok(())
 }

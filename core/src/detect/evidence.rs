@@ -127,8 +127,8 @@ pub(crate) fn accept(detections: &mut Detections, d: &Detection, threshold: f32)
 }
 
 /// Puts the detections that are the best at their place first, best score first, and returns their
-/// number. Of several
-/// objects at one place the best is the one that fits best, by the parts in which they differ.
+/// number. Of several objects at one place the best is the one that fits best, by the parts in which
+/// they differ.
 #[inline(never)]
 pub(crate) fn name(detections: &mut Detections) -> usize {
     let beats = |a: &Detection, b: &Detection| {

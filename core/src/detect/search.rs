@@ -78,24 +78,17 @@ pub(crate) struct Search<'a, 'o> {
 }
 
 impl Search<'_, '_> {
-    /// Runs the steps of a plan, without the first ones, of which there are `skipped`. The steps of
-    /// all rounds count. Returns the number of the step at which the search was stopped, or 0.
-    pub(crate) fn run(&mut self, plan: &Plan, skipped: u16) -> u16 {
+    /// Runs the steps of a plan.
+    pub(crate) fn run(&mut self, plan: &Plan) {
         self.scene.find_coarse(&mut self.context);
-        let (mut number, mut stopped) = (0, 0);
         for round in 0..plan.rounds() {
             // Weight of the heaviest candidate that the last decision left open.
             let mut open = None;
             for i in 0.. {
                 let Some(step) = plan.step(round, i) else { break };
-                number += 1;
-                if number <= skipped {
-                    continue;
-                }
                 if self.context.laps.stopped || !self.is_wanted(&step, open) {
                     break;
                 }
-                stopped = number - 1;
                 self.gather_votes(&step);
                 if let Some(bar) = &step.decide {
                     open = self.decide(bar, plan);
@@ -110,7 +103,6 @@ impl Search<'_, '_> {
         let named = &self.findings.detections[..self.findings.named];
         self.context.laps.end(self.context.tally, Output::Detections(named));
         self.context.tally.stats.stopped = self.context.laps.stopped;
-        if self.context.laps.stopped { stopped } else { 0 }
     }
 
     /// Whether a step is to be taken. `open` is the weight of the heaviest candidate that the last
@@ -159,7 +151,7 @@ impl Search<'_, '_> {
         context.tally.add(Stage::Classify, StageStats { seen, kept: count(matches.len()), dropped: 0 });
     }
 
-    /// Casts the votes of the matches whose surroundings context alike.
+    /// Casts the votes of the matches whose surroundings are alike.
     #[inline(never)]
     fn cast_votes(&mut self) {
         let Self { scene, votes, findings: Findings { matches, .. }, context, .. } = self;

@@ -58,9 +58,6 @@ pub struct Tracker {
     next_id: u32,
     /// Number of frames since the last search.
     since_search: u32,
-    /// Number of steps of a search that the frames before have taken: where a search was stopped, the
-    /// next frame goes on.
-    steps: u16,
     stats: Stats,
 }
 
@@ -74,7 +71,7 @@ impl Tracker {
     /// Makes a tracker without tracks.
     #[must_use]
     pub const fn new() -> Self {
-        Self { tracks: Vec::new(), next_id: 0, since_search: 0, steps: 0, stats: Stats::EMPTY }
+        Self { tracks: Vec::new(), next_id: 0, since_search: 0, stats: Stats::EMPTY }
     }
 
     /// Makes the tracker search the next frame, even if every instance is in sight.
@@ -90,8 +87,8 @@ impl Tracker {
     /// Follows the objects of the model in the next frame, and searches the frame where needed.
     /// Returns all instances: first those that are seen, best score first, then those that are
     /// lost. `threshold` is the minimum score at which an instance appears. `observer` is asked for
-    /// the time between the stages, and is shown what a search makes. When it stops a search, the next
-    /// frame goes on at that step: new instances appear later, and no frame takes longer.
+    /// the time between the stages, and is shown what a search makes. When it stops a search,
+    /// what is known is followed all the same.
     ///
     /// # Errors
     /// Returns [`FrameError::TooLarge`] when the frame exceeds the profile of the detector. Nothing
@@ -106,11 +103,10 @@ impl Tracker {
     ) -> Result<&[Track], FrameError> {
         let due = self.is_searching()
             || self.since_search + 1 >= SEARCH_EVERY
-            || self.steps > 0
             || self.tracks.iter().any(|t| t.state == State::Lost);
         let mut corner = [0.0; 2];
         if due {
-            self.search(detector, frame, model, threshold, observer)?;
+            detector.detect(frame, model, threshold, observer)?;
         } else {
             let part = self.part(frame, model);
             corner = [&part.columns, &part.rows].map(|side| f32::from(id(side.start)));
@@ -123,7 +119,7 @@ impl Tracker {
         let gone = self.follow_all(&Sight { view: detector.frame(), corner }, model, threshold);
         let end = observer.now();
         if gone && !due {
-            self.search(detector, frame, model, threshold, observer)?;
+            detector.detect(frame, model, threshold, observer)?;
             self.stats.add(detector.stats());
         }
         self.stats.ticks[Stage::Accept as usize] += passed(start, end);
@@ -134,28 +130,6 @@ impl Tracker {
         }
         self.settle();
         Ok(&self.tracks)
-    }
-
-    /// Searches a frame, from the step on at which the search of the frame before was stopped. A step
-    /// that has been stopped twice is left to a later search, so that each step gets its turn.
-    fn search<P: Profile + ?Sized>(
-        &mut self,
-        detector: &mut Detector<P>,
-        frame: &Frame<'_>,
-        model: &Model<'_>,
-        threshold: f32,
-        observer: &mut dyn Observer,
-    ) -> Result<(), FrameError> {
-        detector.skip(self.steps);
-        let searched = detector.detect(frame, model, threshold, observer).map(|_| ());
-        let stopped = detector.skip(0);
-        searched?;
-        self.steps = match stopped {
-            0 if !detector.stats().stopped => 0,
-            step if step == self.steps => step + 1,
-            step => step,
-        };
-        Ok(())
     }
 
     /// Returns all instances of the last frame, in the order in which [`Tracker::track`] returned

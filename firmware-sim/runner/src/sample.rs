@@ -42,9 +42,7 @@ pub const HARDEST: [&str; 8] =
 pub fn hard_frames((side, pixels): (usize, usize), all: bool) -> Result<Vec<PathBuf>> {
     let size = [u32::try_from(side)?, u32::try_from(pixels / side)?];
     let folder = targets()?.join(format!("hard-frames/{}x{}", size[0], size[1]));
-    let mut paths = write(&read_picture(&root()?.join(PICTURE))?, size, &folder)?;
-    paths.retain(|path| all || HARDEST.iter().any(|&name| path.file_stem().is_some_and(|stem| stem == name)));
-    Ok(paths)
+    write(&read_picture(&root()?.join(PICTURE))?, size, &folder, |name| all || HARDEST.contains(&name))
 }
 
 /// Trains the model, and returns the path of its file and its bytes.

@@ -1,7 +1,7 @@
 //! Any headers, tokens and outlines of a request to the page. What is not ours must be refused, and
 //! an outline that is accepted must give a picture.
 //!
-//! In: whether there is a token, the kind of request, then lines: host, origin, authorization, the
+//! In: whether there is a token and a proxy, the kind of request, then lines: host, origin, authorization, the
 //! token of the query, the outline. Out: nothing. The sides of the frame are at most 255 px. Cost:
 //! cutting out, some 20 ns a pixel. The HTTP parser itself is that of hyper, and is not run here.
 
@@ -14,6 +14,7 @@ use keygraph::picture::{Picture, Pixels};
 use crate::Input;
 
 const SECRET: &str = "5ecret";
+const PUBLIC: &str = "https://cam.example.org";
 
 /// Runs the target on one input.
 pub fn request(data: &[u8]) {
@@ -31,7 +32,8 @@ pub fn request(data: &[u8]) {
     let token = String::from_utf8_lossy(line()).into_owned();
     let action = if kind & 1 == 0 { Action::Look } else { Action::Change };
     let secret = (kind & 2 == 0).then(|| SECRET.to_string());
-    let answer = Guard::new(secret.clone()).check(&headers, Some(&token), action);
+    let public = (kind & 4 == 0).then(|| PUBLIC.to_string());
+    let answer = Guard::new(secret.clone(), public.clone()).check(&headers, Some(&token), action);
     let is = |name, wanted: &str| headers.get(name).is_some_and(|v: &HeaderValue| v.as_bytes() == wanted.as_bytes());
     if secret.is_some() {
         let told = match headers.get(AUTHORIZATION).and_then(|v| v.to_str().ok()?.strip_prefix("Bearer ")) {
@@ -43,7 +45,8 @@ pub fn request(data: &[u8]) {
     if answer.is_ok() && action == Action::Change && headers.contains_key(ORIGIN) {
         let host = headers.get(HOST).and_then(|v| v.to_str().ok()).unwrap_or_default();
         let origin = headers.get(ORIGIN).and_then(|v| v.to_str().ok()).unwrap_or_default();
-        assert!(origin.ends_with(&format!("://{host}")), "{origin} may change {host}");
+        let is_public = public.is_some_and(|public| public == origin);
+        assert!(is_public || origin.ends_with(&format!("://{host}")), "{origin} may change {host}");
     }
     assert!(!(secret.is_none() && answer.is_ok() && is(HOST, "evil.example")));
 

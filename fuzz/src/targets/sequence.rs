@@ -53,7 +53,7 @@ pub fn sequence(data: &[u8]) {
 /// Makes the pixels of the next frame.
 fn pixels(input: &mut Input<'_>) -> Vec<u8> {
     let mut rgb = vec![input.byte(); 3 * SIZE.0 * SIZE.1];
-    let copies = 1 + usize::from(input.byte() % 4 == 0);
+    let copies = 1 + usize::from(input.byte().is_multiple_of(4));
     for _ in 0..copies {
         let (left, top) = (usize::from(input.byte()) % SIZE.0, usize::from(input.byte()) % SIZE.1);
         // Half of the objects are whole; of the others, the lower rows are hidden.

@@ -1,16 +1,14 @@
 //! Objects that look alike, told before one is taken for the other.
 
+use std::fs;
 use std::path::{Path, PathBuf};
-use std::{fs, slice};
 
 use anyhow::{Context, Result};
 use keygraph::advice::looks_like;
 use keygraph::alike::{Alike, alike};
-use keygraph::output::plain;
+use keygraph::output::{file_stem, plain};
 use keygraph::progress::Progress;
 use keygraph_core::{Model, Object};
-
-use super::model_files::{load, parse};
 
 /// Where the pictures of shared parts go.
 #[derive(Debug, clap::Args)]
@@ -61,19 +59,15 @@ pub fn tell_among(models: &[Vec<u8>], shared: &Shared) -> Result<()> {
     pairs.iter().try_for_each(|(shown, taken, alike)| tell(alike, &object(*shown), &object(*taken), shared))
 }
 
-/// Tells which objects of the models in `files` look like `object`, and returns them.
+/// Tells which objects of `models` look like `object`, and returns them. `models` are the bytes of
+/// models.
 ///
 /// # Errors
-/// When a file is no model, or a picture of shared parts cannot be written.
-pub fn tell_beside<'a>(
-    object: &Object<'_>,
-    files: impl Iterator<Item = &'a PathBuf>,
-    shared: &Shared,
-) -> Result<Vec<Pair>> {
+/// When a model is damaged, or a picture of shared parts cannot be written.
+pub fn tell_beside(object: &Object<'_>, models: &[Vec<u8>], shared: &Shared) -> Result<Vec<Pair>> {
     let mut pairs = Vec::new();
-    for file in files {
-        let bytes = load(slice::from_ref(file))?;
-        let model = parse(&bytes, slice::from_ref(file))?;
+    for bytes in models {
+        let model = Model::parse(bytes)?;
         for alike in alike(object, &model)? {
             let other = model.object(alike.taken);
             tell(&alike, object, &other, shared)?;
@@ -97,9 +91,7 @@ fn tell(alike: &Alike, shown: &Object<'_>, taken: &Object<'_>, shared: &Shared) 
 
 /// A file for two names, with a number when there is one already.
 fn picture_of(folder: &Path, shown: &str, taken: &str) -> PathBuf {
-    let plain = |name: &str| name.replace(|c: char| !c.is_alphanumeric() && !"-_.".contains(c), "_");
-    let stem = format!("{}-{}", plain(shown), plain(taken));
-    let path = folder.join(format!("{stem}.png"));
-    let numbered = |n: u32| folder.join(format!("{stem}-{n}.png"));
-    if path.exists() { (2..).map(numbered).find(|p| !p.exists()).unwrap_or(path) } else { path }
+    let stem = format!("{}-{}", file_stem(shown), file_stem(taken));
+    let numbered = |n: u32| folder.join(if n == 1 { format!("{stem}.png") } else { format!("{stem}-{n}.png") });
+    (1..).map(numbered).find(|path| !path.exists()).unwrap_or_else(|| numbered(1))
 }

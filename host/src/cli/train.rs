@@ -18,7 +18,7 @@ use keygraph::{advice, report, words};
 use keygraph_core::{DEFAULT_THRESHOLD, Method, Model, NAME_BYTES};
 
 use super::compare::{Shared, tell_beside};
-use super::model_files::{load, parse};
+use super::model_files::{parse, read_all};
 use super::usage_error;
 use super::values::model_size;
 
@@ -93,16 +93,17 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     // Training takes a second: what would fail after it is checked before it.
     let inputs = arguments.picture.iter().chain(&arguments.beside).chain(&arguments.lesson.origin.replay);
     check_model_output(&arguments.output, &Inputs::of(inputs.map(PathBuf::as_path)))?;
-    for file in &arguments.beside {
-        parse(&load(slice::from_ref(file))?, slice::from_ref(file))?;
+    let beside = read_all(&arguments.beside)?;
+    for (bytes, file) in beside.iter().zip(&arguments.beside) {
+        parse(bytes, slice::from_ref(file))?;
     }
     match &arguments.picture {
-        Some(picture) => train_on_picture(arguments, picture),
-        None => train_from_camera(arguments),
+        Some(picture) => train_on_picture(arguments, picture, &beside),
+        None => train_from_camera(arguments, &beside),
     }
 }
 
-fn train_on_picture(arguments: &Arguments, path: &Path) -> Result<()> {
+fn train_on_picture(arguments: &Arguments, path: &Path, beside: &[Vec<u8>]) -> Result<()> {
     let framed = read_framed(path, arguments.crop)?;
     for said in advice::framing(&framed, path, arguments.crop) {
         eprintln!("keygraph: {}", plain(&said));
@@ -115,15 +116,15 @@ fn train_on_picture(arguments: &Arguments, path: &Path) -> Result<()> {
     // A model that would be refused is not left behind as a file.
     Model::parse(&model)?;
     write_file(&arguments.output, |file| Ok(file.write_all(&model)?))?;
-    tell(arguments, &label, &Learned { name, picture, model, trained, found: None })
+    tell(arguments, &label, &Learned { name, picture, model, trained, found: None }, beside)
 }
 
-fn train_from_camera(arguments: &Arguments) -> Result<()> {
+fn train_from_camera(arguments: &Arguments, beside: &[Vec<u8>]) -> Result<()> {
     let (plan, name) = (arguments.plan(), arguments.name_or_that_of(&arguments.output));
     let learned = learn_from_camera(&arguments.lesson, name, &arguments.output, &plan)?;
     let label = format!("the picture of {}", learned.name);
     check_colour(&learned.picture, &label, &plan)?;
-    tell(arguments, &label, &learned)
+    tell(arguments, &label, &learned, beside)
 }
 
 /// Warns that a picture has no colour, or refuses it where the preset needs colour.
@@ -138,14 +139,15 @@ fn check_colour(picture: &Picture, label: &str, plan: &Plan) -> Result<()> {
     Ok(())
 }
 
-/// Prints the report of a model that was written; `label` names its picture.
-fn tell(arguments: &Arguments, label: &str, learned: &Learned) -> Result<()> {
+/// Prints the report of a model that was written; `label` names its picture. `beside` are the models
+/// that it will be used with.
+fn tell(arguments: &Arguments, label: &str, learned: &Learned, beside: &[Vec<u8>]) -> Result<()> {
     let model = Model::parse(&learned.model)?;
     warn(label, learned, &model)?;
-    let alike = tell_beside(&model.object(0), arguments.beside.iter(), &arguments.shared)?;
+    let alike = tell_beside(&model.object(0), beside, &arguments.shared)?;
     if arguments.json {
         let mut object = report::model_object(&model);
-        if !arguments.beside.is_empty() {
+        if !beside.is_empty() {
             object["alike"] = alike.iter().map(|p| report::alike_object(&p.object, &p.alike)).collect();
         }
         return print_line(&object.to_string());
