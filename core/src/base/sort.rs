@@ -21,6 +21,9 @@ use crate::base::pace::{Pace, Steady};
 /// times the one below it.
 const GAPS: [usize; 10] = [3937, 1750, 701, 301, 132, 57, 23, 10, 4, 1];
 
+/// Number of elements after which a sort asks whether it goes on.
+const STRIDE: usize = 512;
+
 /// Sorts a slice by a key, in ascending order. When it is told to stop, the order is any.
 pub fn sort_by_key<T: Copy, K: Ord>(values: &mut [T], key: impl Fn(&T) -> K, pace: &mut dyn Pace) {
     sort_at(values, |a, b| key(a) < key(b), pace);
@@ -45,10 +48,10 @@ fn sort_at<T: Copy>(values: &mut [T], less: impl Fn(&T, &T) -> bool, pace: &mut 
 
 fn shell_sort<T: Copy>(values: &mut [T], less: impl Fn(&T, &T) -> bool, pace: &mut dyn Pace) {
     for gap in GAPS {
-        if !pace.goes_on() {
-            return;
-        }
         for i in gap..values.len() {
+            if (i - gap).is_multiple_of(STRIDE) && !pace.goes_on() {
+                return;
+            }
             let value = values[i];
             let mut at = i;
             while at >= gap && less(&value, &values[at - gap]) {

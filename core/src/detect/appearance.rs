@@ -181,10 +181,14 @@ impl Blocks {
     }
 
     /// Computes [`Appearance::strong`]. `luma` is the template's level that the blocks belong to.
-    fn strong(&self, luma: &Plane<'_, u8>) -> f32 {
+    fn strong(&self, luma: &Plane<'_, u8>, pace: &mut dyn Pace) -> f32 {
         let blocks = self.values[..self.n].iter().zip(self.places);
         let agreeing = blocks.map(|(&c, place)| (agreement(c), place)).filter(|&(a, _)| a > 0.0);
-        agreeing.map(|(a, place)| a * a * roundness(luma, usize::from(place))).sum()
+        let weigh = |(a, place): (f32, u8)| {
+            pace.goes_on();
+            a * a * roundness(luma, usize::from(place))
+        };
+        agreeing.map(weigh).sum()
     }
 
     fn median(&mut self) -> f32 {
@@ -227,7 +231,7 @@ pub(crate) fn appearance_of_luma(
         inside: blocks.inside,
         visible: blocks.visible(),
         support: blocks.support(),
-        strong: blocks.strong(&template.luma(0)),
+        strong: blocks.strong(&template.luma(0), pace),
         median: blocks.median(),
         chroma: 0.0,
     }

@@ -115,12 +115,16 @@ pub(crate) fn weigh(
 /// plausible, and is the best at its place. Worse detections of the same instance are removed.
 /// Returns whether a detection was lost for lack of room.
 #[inline(never)]
-pub(crate) fn accept(detections: &mut Detections, d: &Detection, threshold: f32) -> bool {
-    let beaten = detections.iter().any(|t| d.is_twin(t) && t.score >= d.score);
+pub(crate) fn accept(detections: &mut Detections, d: &Detection, threshold: f32, pace: &mut dyn Pace) -> bool {
+    let mut is_twin = |t: &Detection| {
+        pace.goes_on();
+        d.is_twin(t)
+    };
+    let beaten = detections.iter().any(|t| t.score >= d.score && is_twin(t));
     if d.score < threshold || !d.is_plausible() || beaten {
         return false;
     }
-    detections.retain(|t| !d.is_twin(t));
+    detections.retain(|t| !is_twin(t));
     let worse = |t: &Detection| t.score.total_cmp(&d.score).is_lt();
     let place = detections.iter().position(worse).unwrap_or(detections.len());
     detections.insert(place, *d).is_err()
@@ -130,10 +134,11 @@ pub(crate) fn accept(detections: &mut Detections, d: &Detection, threshold: f32)
 /// number. Of several objects at one place the best is the one that fits best, by the parts in which
 /// they differ.
 #[inline(never)]
-pub(crate) fn name(detections: &mut Detections) -> usize {
-    let beats = |a: &Detection, b: &Detection| {
+pub(crate) fn name(detections: &mut Detections, pace: &mut dyn Pace) -> usize {
+    let mut beats = |a: &Detection, b: &Detection| {
+        pace.goes_on();
         let (fit, other) = (a.fit(), b.fit());
-        a.is_rival(b) && (fit > other || (fit == other && a.object < b.object))
+        (fit > other || (fit == other && a.object < b.object)) && a.is_rival(b)
     };
     let mut named = 0;
     for i in 0..detections.len() {
@@ -157,11 +162,11 @@ pub(crate) fn settle(
 ) {
     let found: heapless::Vec<_, DETECTIONS> = detections.iter().map(Agreement::new).collect();
     let at = |v: &Vote| vertices(scene.points, &scene.keygraphs[usize::from(v.frame_keygraph)]).map(|(_, p)| p);
-    let supports = |v: &Vote| {
-        pace.goes_on();
-        found.iter().any(|a| a.holds(model, v, at(v)))
-    };
-    votes.settle(supports, |v| is_found(detections, v.object, at(v)[0]));
+    votes.settle(
+        |v| found.iter().any(|a| a.holds(model, v, at(v))),
+        |v| is_found(detections, v.object, at(v)[0]),
+        pace,
+    );
 }
 
 /// Whether an object has been found at a place, frame px.
@@ -173,6 +178,7 @@ pub(crate) fn is_found(detections: &Detections, object: u16, at: [f32; 2]) -> bo
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::pace::Steady;
 
     #[test]
     fn the_score_moves_with_each_piece_of_evidence() {
@@ -213,7 +219,7 @@ mod tests {
         // A small object that lies on another is not its rival.
         let small = Homography::affine([0.3, 0.0, 310.0, 0.0, 0.3, 20.0]);
         found.push(fitting(Detection { score: 0.9, ..Detection::new(3, &small, [50.0; 2]) }, 30.0)).unwrap();
-        assert_eq!(name(found), 4);
+        assert_eq!(name(found, &mut Steady), 4);
         let names: std::vec::Vec<_> = found[..4].iter().map(|d| (d.object, d.corners[0][0])).collect();
         assert_eq!(names, [(1, 4.0), (0, 200.0), (1, 300.0), (3, 310.0)]);
         assert!(found[4..].iter().all(|d| d.is_rival(&found[0])), "both others lie there");
@@ -224,15 +230,15 @@ mod tests {
         let found = &mut Detections::new();
         let told = |found: &Detections| found.iter().map(|d| (d.object, d.score)).collect::<std::vec::Vec<_>>();
         for d in [at(0, 0.0, 0.9), at(0, 5.0, 0.85), at(1, 5.0, 0.95), at(0, 200.0, 0.7), at(0, 300.0, 0.99)] {
-            assert!(!accept(found, &d, 0.8));
+            assert!(!accept(found, &d, 0.8, &mut Steady));
         }
         assert_eq!(told(found), [(0, 0.99), (1, 0.95), (0, 0.9)], "a worse twin and one below the threshold are out");
-        assert!(!accept(found, &at(0, 5.0, 0.97), 0.8), "it takes the place of its twin");
+        assert!(!accept(found, &at(0, 5.0, 0.97), 0.8, &mut Steady), "it takes the place of its twin");
         assert_eq!(told(found), [(0, 0.99), (0, 0.97), (1, 0.95)]);
         for i in 0..29 {
-            assert!(!accept(found, &at(2, 400.0 + 60.0 * i as f32, 0.9), 0.8));
+            assert!(!accept(found, &at(2, 400.0 + 60.0 * i as f32, 0.9), 0.8, &mut Steady));
         }
-        assert!(accept(found, &at(3, 400.0, 0.9), 0.8), "one too many");
+        assert!(accept(found, &at(3, 400.0, 0.9), 0.8, &mut Steady), "one too many");
         assert_eq!(found.len(), DETECTIONS);
     }
 }

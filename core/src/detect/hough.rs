@@ -220,6 +220,7 @@ fn peaks(bins: &mut [Bin], rule: &VoteRule, out: &mut VecView<Candidate>, pace: 
         };
         // This push cannot fail: the loop ends when `out` is full.
         let _ = out.push(Candidate { object: best.object, pose, weight: best.weight });
+        pace.goes_on();
         for b in bins.iter_mut().filter(|b| b.weight > 0 && b.object == best.object) {
             let o = unpack(b.key);
             let turn = (o[1] - c[1]).rem_euclid(ROTATIONS);

@@ -99,7 +99,7 @@ impl Search<'_, '_> {
                 self.votes.drop_open();
             }
         }
-        self.findings.named = evidence::name(&mut self.findings.detections);
+        self.findings.named = evidence::name(&mut self.findings.detections, self.context.laps);
         let named = &self.findings.detections[..self.findings.named];
         self.context.laps.end(self.context.tally, Output::Detections(named));
         self.context.tally.stats.stopped = self.context.laps.stopped;
@@ -310,7 +310,7 @@ impl Search<'_, '_> {
 
     /// Keeps a detection if it scores at least `threshold` and is the best at its place.
     fn accept(&mut self, d: &Detection, threshold: f32) {
-        let lost = evidence::accept(&mut self.findings.detections, d, threshold);
+        let lost = evidence::accept(&mut self.findings.detections, d, threshold, self.context.laps);
         let stats = self.context.tally.of(Stage::Accept);
         stats.dropped += u32::from(lost);
         stats.kept = count(self.findings.detections.len());

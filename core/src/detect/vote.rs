@@ -12,6 +12,7 @@ use heapless::{Vec, VecView};
 
 use crate::base::geometry::Homography;
 use crate::base::math;
+use crate::base::pace::Pace;
 use crate::detect::classify::Match;
 use crate::model::parse::{Object, View};
 
@@ -176,9 +177,10 @@ impl Votes<VecView<Vote>> {
 
     /// Makes every vote for which `supports` is true a supporter, and every other vote an open one.
     /// Open votes for which `is_spent` is true are removed.
-    pub fn settle(&mut self, mut supports: impl FnMut(&Vote) -> bool, is_spent: impl Fn(&Vote) -> bool) {
+    pub fn settle(&mut self, supports: impl Fn(&Vote) -> bool, is_spent: impl Fn(&Vote) -> bool, pace: &mut dyn Pace) {
         let mut supporters = 0;
         for i in 0..self.list.len() {
+            pace.goes_on();
             if supports(&self.list[i]) {
                 self.list.swap(i, supporters);
                 supporters += 1;
@@ -187,6 +189,7 @@ impl Votes<VecView<Vote>> {
         self.supporters = supporters;
         let mut i = 0;
         self.list.retain(|v| {
+            pace.goes_on();
             i += 1;
             i <= supporters || !is_spent(v)
         });
@@ -201,6 +204,7 @@ impl Votes<VecView<Vote>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::pace::Steady;
 
     #[test]
     fn a_similarity_is_read_off_three_vertices() {
@@ -231,13 +235,13 @@ mod tests {
             votes.cast(vote(i)).unwrap();
         }
         assert!(votes.cast(vote(8)).is_err(), "full");
-        votes.settle(|v| v.frame_keygraph % 3 == 2, |v| v.frame_keygraph == 4);
+        votes.settle(|v| v.frame_keygraph % 3 == 2, |v| v.frame_keygraph == 4, &mut Steady);
         let ids = |votes: &[Vote]| votes.iter().map(|v| v.frame_keygraph).collect::<std::vec::Vec<_>>();
         assert_eq!(ids(votes.all()), [2, 5, 0, 3, 1, 6, 7]);
         assert_eq!(ids(votes.open()), [0, 3, 1, 6, 7]);
         votes.drop_open();
         assert_eq!((ids(votes.all()), votes.open().len()), (std::vec![2, 5], 0));
-        votes.settle(|_| false, |_| false);
+        votes.settle(|_| false, |_| false, &mut Steady);
         assert_eq!(ids(votes.open()), [2, 5], "a supporter can become open again");
     }
 }

@@ -73,7 +73,11 @@ fn most(run: &Run) -> u64 {
     run.cost().last().map_or(0, |(_, _, most)| *most)
 }
 
-/// Compares a run on the sample, and one on hard frames, with the baseline. Returns one line for each figure that grew beyond its margin.
+/// Most instructions between two questions whether a search goes on.
+const LONGEST: u64 = 200_000;
+
+/// Compares a run on the sample, and one on hard frames, with the baseline. Returns one line for each
+/// figure that grew beyond its margin.
 ///
 /// # Errors
 /// Fails if the baseline cannot be read, or if it has no entry for the run.
@@ -88,6 +92,10 @@ pub fn compare(run: &Run, worst: &Run) -> Result<Vec<String>> {
     let (before, now) = (was["worst"].as_u64().unwrap_or(0), most(worst));
     if now > before + before * wider * TOTAL_MARGIN / 100 {
         lines.push(format!("{name}: the hardest frame takes {now} instructions, more than {before}"));
+    }
+    let silent = run.longest().max(worst.longest());
+    if silent > LONGEST {
+        lines.push(format!("{name}: {silent} instructions pass without a question, more than {LONGEST}"));
     }
     Ok(lines)
 }

@@ -5,7 +5,7 @@
 use std::fmt::Write;
 
 use keygraph_core::{Buffer, Stage};
-use keygraph_firmware_sim::wire::Report;
+use keygraph_firmware_sim::wire::{Report, instructions};
 
 use crate::board::{Contents, Frames, Machine, Program, STACK_LIMIT};
 
@@ -27,6 +27,12 @@ impl Run {
     #[must_use]
     pub fn stack(&self) -> u32 {
         self.reports.iter().map(|r| r.stack_bytes).max().unwrap_or(0)
+    }
+
+    /// Returns the most instructions between two questions whether a search goes on.
+    #[must_use]
+    pub fn longest(&self) -> u64 {
+        self.reports.iter().map(|r| instructions(r.longest)).max().unwrap_or(0)
     }
 
     /// Returns name and size in bytes of each buffer of the detector. The last entry is the rest of
