@@ -117,7 +117,9 @@ pub use base::geometry::Homography;
 pub use detect::appearance::Appearance;
 pub use detect::buffers::{Buffers, Hd, Limits, Profile, Qqvga, Qvga, Vga};
 pub use detect::detection::Detection;
-pub use detect::detector::{DEFAULT_THRESHOLD, Detector, HdDetector, QqvgaDetector, QvgaDetector, VgaDetector};
+pub use detect::detector::{
+    DEFAULT_THRESHOLD, Detector, HdDetector, Ongoing, QqvgaDetector, QvgaDetector, VgaDetector,
+};
 pub use detect::observer::{Observer, Output, Stats};
 
 // Tracking, and poses in space.

@@ -110,3 +110,34 @@ fn a_tracker_follows_what_it_knows_however_short_the_time_is() {
         assert_eq!(track(1).0, 1, "what is known is followed");
     }
 }
+
+#[test]
+fn a_search_in_pieces_finds_what_a_search_finds() {
+    static DETECTOR: Mutex<VgaDetector> = Mutex::new(VgaDetector::new());
+    let sample = Sample::new(7);
+    let (model, frame) = sample.lend();
+    let mut detector = DETECTOR.lock().unwrap();
+    let mut clock = || 0;
+    for threshold in [DEFAULT_THRESHOLD, 1.1] {
+        detector.detect(&frame, &model, threshold, &mut clock).unwrap();
+        let whole = (detector.detections().to_vec(), *detector.stats(), *detector.high_water());
+        let mut search = detector.begin(&frame, &model, threshold, &mut clock).unwrap();
+        assert!(search.detections().is_empty());
+        let mut pieces = 1;
+        while search.step(&mut clock) {
+            pieces += 1;
+        }
+        assert!(!search.step(&mut clock), "it stays at its end");
+        assert_eq!(search.detections(), whole.0);
+        assert_eq!((*detector.stats(), *detector.high_water()), (whole.1, whole.2));
+        assert!(pieces > 20, "{pieces}");
+        // Told to stop, it ends within a few pieces, and says so.
+        let mut search = detector.begin(&frame, &model, threshold, &mut clock).unwrap();
+        assert!(search.step(&mut clock));
+        let mut left = 0;
+        while search.step(&mut Budget { asked: 0, most: 1 + u32::from(left > 0) }) {
+            left += 1;
+        }
+        assert!(left < 12 && detector.stats().stopped, "{left}");
+    }
+}

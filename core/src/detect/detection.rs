@@ -92,21 +92,11 @@ impl Detection {
     }
 }
 
-/// Whether all numbers of one set are greater than all of the other.
-fn are_apart(a: [f32; 4], b: [f32; 4]) -> bool {
-    let ends = |v: [f32; 4]| v.iter().fold([v[0]; 2], |[least, most], &v| [least.min(v), most.max(v)]);
-    let ([a0, a1], [b0, b1]) = (ends(a), ends(b));
-    a1 < b0 || b1 < a0
-}
-
 /// Whether two outlines of one object stand for one instance: at least a quarter of one outline
 /// lies inside the other. Two planar objects cannot be at one place. A pattern that repeats itself
 /// gives shifted copies of the outline, and these overlap.
 pub(crate) fn overlap(a: &[[f32; 2]; 4], b: &[[f32; 2]; 4]) -> bool {
     const SIDE: u8 = 6;
-    if (0..2).any(|axis| are_apart(a.map(|p| p[axis]), b.map(|p| p[axis]))) {
-        return false;
-    }
     let share = |inner: &[[f32; 2]; 4], outer: &[[f32; 2]; 4]| {
         let mix = |p: [f32; 2], q: [f32; 2], t: f32| [p[0] + (q[0] - p[0]) * t, p[1] + (q[1] - p[1]) * t];
         let at = |i: u8| (f32::from(i) + 0.5) / f32::from(SIDE);

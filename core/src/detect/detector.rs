@@ -16,7 +16,7 @@ use crate::detect::finder::{Corners, Finder};
 use crate::detect::observer::{Laps, Observer, Output, Stats, Tally, passed};
 use crate::detect::plan::{Plan, Scope, Wish};
 use crate::detect::scene::{Context, Scene, span, vertices};
-use crate::detect::search::Search;
+use crate::detect::search::{Place, Search};
 use crate::extract::corners::SCRATCH_ROWS;
 use crate::image::frame::{Frame, FrameError, Part};
 use crate::image::pyramid::{PyramidMut, PyramidView, to_level0};
@@ -121,6 +121,37 @@ impl<P: Profile + ?Sized> Detector<P> {
         self.run(frame, model, threshold, observer, Some(finder))
     }
 
+    /// Begins to search `frame` for the objects of `model`, for a task that must give others their turn
+    /// between the pieces of a search, such as one of an async executor. The frame is read here; its
+    /// buffer may be used again. The rest is as in [`Detector::detect`].
+    ///
+    /// # Errors
+    /// [`FrameError::TooLarge`] when the frame exceeds the profile.
+    pub fn begin<'a>(
+        &'a mut self,
+        frame: &Frame<'_>,
+        model: &'a Model<'a>,
+        threshold: f32,
+        observer: &mut dyn Observer,
+    ) -> Result<Ongoing<'a, P>, FrameError> {
+        self.load(frame, &mut Laps::new(observer))?;
+        let plan = self.plan(model, threshold);
+        Ok(Ongoing { detector: self, model, plan, place: Place::START })
+    }
+
+    fn plan(&self, model: &Model<'_>, threshold: f32) -> Plan {
+        let wish = Wish { threshold, visible: self.visible, thorough: self.thorough };
+        Plan::new(Scope::from(model), model.method().parameters(), wish)
+    }
+
+    /// Makes the pyramid of a frame, and empties the other buffers.
+    fn load(&mut self, frame: &Frame<'_>, laps: &mut Laps<'_>) -> Result<(), FrameError> {
+        let limits = self.buffers.limits();
+        let Lent { pyramid, tally, .. } = cleared(self.buffers.lend());
+        check(frame, limits, &pyramid)?;
+        load(pyramid, tally, frame, laps)
+    }
+
     fn run(
         &mut self,
         frame: &Frame<'_>,
@@ -129,12 +160,10 @@ impl<P: Profile + ?Sized> Detector<P> {
         observer: &mut dyn Observer,
         finder: Option<&mut dyn Finder>,
     ) -> Result<&[Detection], FrameError> {
-        let limits = self.buffers.limits();
-        let wish = Wish { threshold, visible: self.visible, thorough: self.thorough };
-        let plan = Plan::new(Scope::from(model), model.method().parameters(), wish);
-        let lent = cleared(self.buffers.lend());
-        check(frame, limits, &lent.pyramid)?;
-        detect(lent, frame, model, &plan, observer, finder)?;
+        let mut laps = Laps::new(observer);
+        self.load(frame, &mut laps)?;
+        let (plan, mut place) = (self.plan(model, threshold), Place::START);
+        advance(self.buffers.lend(), model, (&plan, &mut place), &mut laps, finder, true);
         #[cfg(feature = "defmt")]
         self.log(model);
         Ok(self.detections())
@@ -246,6 +275,47 @@ impl<P: Profile + ?Sized> Detector<P> {
     }
 }
 
+/// A search in pieces, [`Detector::begin`].
+///
+/// ```
+/// # use keygraph_core::{Detector, Frame, FrameError, Model, Observer, Profile};
+/// # fn turn_of_others() {}
+/// # fn search<P: Profile>(detector: &mut Detector<P>, frame: &Frame<'_>, model: &Model<'_>, clock: &mut dyn Observer)
+/// #     -> Result<(), FrameError> {
+/// let mut search = detector.begin(frame, model, 0.8, clock)?;
+/// while search.step(clock) {
+///     turn_of_others(); // in an async task: `yield_now().await`
+/// }
+/// for detection in search.detections() { /* ... */ }
+/// # Ok(())
+/// # }
+/// ```
+#[derive(Debug)]
+pub struct Ongoing<'a, P: Profile + ?Sized> {
+    detector: &'a mut Detector<P>,
+    model: &'a Model<'a>,
+    plan: Plan,
+    place: Place,
+}
+
+impl<P: Profile + ?Sized> Ongoing<'_, P> {
+    /// Does the next piece. Returns whether there is more. The longest piece finds the corners and
+    /// triangles of the finest level.
+    pub fn step(&mut self, observer: &mut dyn Observer) -> bool {
+        let lent = self.detector.buffers.lend();
+        let mut laps = Laps::new(observer);
+        laps.stopped = lent.tally.stats.stopped;
+        advance(lent, self.model, (&self.plan, &mut self.place), &mut laps, None, false)
+    }
+
+    /// Detections so far, best score first. After the last piece, those of [`Detector::detections`].
+    #[must_use]
+    pub fn detections(&self) -> &[Detection] {
+        let findings = self.detector.buffers.show().findings;
+        if self.place.is_end() { findings.by_place().0 } else { &findings.detections }
+    }
+}
+
 /// Empties the buffers of what the last frame left in them.
 fn cleared(lent: Lent<'_>) -> Lent<'_> {
     *lent.tally = Tally::EMPTY;
@@ -268,23 +338,17 @@ fn check(frame: &Frame<'_>, limits: Limits, pyramid: &PyramidMut<'_>) -> Result<
     Ok(())
 }
 
-/// Searches a frame, top to bottom: luma and chroma, their pyramid, then the search by the steps of
-/// the plan, which begins with the coarse levels.
+/// Makes luma and chroma of a frame, and their pyramid.
 #[inline(never)]
-fn detect(
-    lent: Lent<'_>,
+fn load(
+    mut pyramid: PyramidMut<'_>,
+    tally: &mut Tally,
     frame: &Frame<'_>,
-    model: &Model<'_>,
-    plan: &Plan,
-    observer: &mut dyn Observer,
-    finder: Option<&mut dyn Finder>,
+    laps: &mut Laps<'_>,
 ) -> Result<(), FrameError> {
-    let Lent { mut pyramid, scratch, mesh, corners, points, triples, keygraphs, features, spans, .. } = lent;
-    let Lent { votes, bins, pairs, findings, tally, .. } = lent;
-    let mut laps = Laps::new(observer);
-    pyramid.load_at(frame, &mut laps)?;
+    pyramid.load_at(frame, laps)?;
     laps.end(tally, Output::Planes(pyramid.view()));
-    pyramid.reduce_at(&mut laps);
+    pyramid.reduce_at(laps);
     let pyramid = pyramid.into_view();
     let luma = (0..LEVELS).map(|l| pyramid.luma(l).width() * pyramid.luma(l).height()).sum();
     let chroma = (0..LEVELS).flat_map(|l| pyramid.chroma(l)).map(|c| c.width() * c.height()).sum();
@@ -292,14 +356,34 @@ fn detect(
     tally.mark(Buffer::Chroma, chroma);
     tally.mark(Buffer::CornerRows, SCRATCH_ROWS * frame.width());
     laps.end(tally, Output::Levels(pyramid));
+    tally.stats.stopped = laps.stopped;
+    Ok(())
+}
 
+/// Does the next piece of a search, or all that is left. Returns whether there is more.
+#[inline(never)]
+fn advance(
+    lent: Lent<'_>,
+    model: &Model<'_>,
+    (plan, place): (&Plan, &mut Place),
+    laps: &mut Laps<'_>,
+    finder: Option<&mut dyn Finder>,
+    all: bool,
+) -> bool {
+    let Lent { pyramid, scratch, mesh, corners, points, triples, keygraphs, features, spans, .. } = lent;
+    let Lent { votes, bins, pairs, findings, tally, .. } = lent;
     let mut ours = Corners { rules: model.method().parameters(), scratch, mesh };
     let finder: &mut dyn Finder = match finder {
         Some(other) => other,
         None => &mut ours,
     };
-    let scene = Scene { pyramid, points, spans, keygraphs, features, corners, triples, coarse: 0, has_finest: false };
-    let context = Context { model, finder, tally, laps: &mut laps };
-    Search { context, scene, votes, bins, pairs, findings }.run(plan);
-    Ok(())
+    let scene = Scene { pyramid: pyramid.into_view(), points, spans, keygraphs, features, corners, triples };
+    let context = Context { model, finder, tally, laps };
+    let mut search = Search { context, scene, votes, bins, pairs, findings };
+    while search.advance(plan, place) {
+        if !all {
+            return true;
+        }
+    }
+    false
 }

@@ -1,8 +1,8 @@
 //! Finds what a frame shows, level by level: keypoints, keygraphs and their features.
 //!
 //! In: the pyramid of a frame, and a [`Finder`]. Out: the keygraphs of the levels that are asked
-//! for, with their features. The levels above the finest come first: they have a quarter of the
-//! pixels. The finest level follows when a search asks for it.
+//! for, with their features. The levels above the finest come first: they have a third of the
+//! pixels of the finest. That one follows when a search asks for it.
 //!
 //! Memory: borrowed buffers. Cost: that of the stages `corners`, `delaunay`, `keygraphs` and
 //! `features`. Full: each stage keeps what came first, and counts what it dropped.
@@ -16,7 +16,6 @@ use crate::base::geometry::Point;
 use crate::base::pace::Pace;
 use crate::detect::finder::Finder;
 use crate::detect::observer::{Laps, Output, Tally};
-use crate::detect::plan::Levels;
 use crate::extract::corners::Corner;
 use crate::extract::delaunay::Triple;
 use crate::extract::feature::{Feature, extract};
@@ -25,7 +24,7 @@ use crate::image::pyramid::{PyramidView, to_level0};
 use crate::model::parse::Model;
 
 /// The finest level, which is searched last: it has three in four of all pixels.
-const FINEST: usize = 0;
+pub(crate) const FINEST: u8 = 0;
 
 /// Ranges of the keypoints of each level among all keypoints: start and end.
 pub(crate) type Spans = [(u16, u16); LEVELS];
@@ -62,38 +61,12 @@ pub(crate) struct Scene<'a> {
     /// Corners and triples of the level that is being searched.
     pub(crate) corners: &'a mut VecView<Corner>,
     pub(crate) triples: &'a mut VecView<Triple>,
-    /// Number of keygraphs on the levels above the finest, which come first.
-    pub(crate) coarse: usize,
-    /// Whether the finest level has been searched.
-    pub(crate) has_finest: bool,
 }
 
 impl Scene<'_> {
-    /// Finds the keygraphs of the levels above the finest, and their features.
-    pub(crate) fn find_coarse(&mut self, context: &mut Context<'_, '_>) {
-        for level in FINEST + 1..LEVELS {
-            self.find_level(level, context);
-        }
-        self.extract_features(0, context);
-        self.coarse = self.keygraphs.len();
-    }
-
-    /// Returns the keygraphs of some levels, as a range of indices. The first call for the finest
-    /// level finds its keygraphs.
-    pub(crate) fn keygraphs_of(&mut self, levels: Levels, context: &mut Context<'_, '_>) -> Range<usize> {
-        if levels == Levels::Coarse {
-            return 0..self.coarse;
-        }
-        if !self.has_finest {
-            self.has_finest = true;
-            self.find_level(FINEST, context);
-            self.extract_features(self.coarse, context);
-        }
-        self.coarse..self.keygraphs.len()
-    }
-
     /// Finds the keygraphs of a level.
-    fn find_level(&mut self, level: usize, context: &mut Context<'_, '_>) {
+    pub(crate) fn find_level(&mut self, level: u8, context: &mut Context<'_, '_>) {
+        let level = usize::from(level);
         self.find_keypoints(level, context);
         context.laps.end(context.tally, Output::Corners(&self.points[span(self.spans, level)]));
         self.find_triples(level, context);
@@ -149,7 +122,7 @@ impl Scene<'_> {
 
     /// Extracts the features of the keygraphs from index `first` on.
     #[inline(never)]
-    fn extract_features(&mut self, first: usize, context: &mut Context<'_, '_>) {
+    pub(crate) fn extract_features(&mut self, first: usize, context: &mut Context<'_, '_>) {
         let model = context.model;
         let mut done = first;
         for (k, f) in self.keygraphs.iter().zip(&mut *self.features).skip(first) {

@@ -1,4 +1,4 @@
-//! The search of a frame: one loop over the steps of a plan.
+//! The search of a frame: the steps of a plan, in pieces that end soon.
 //!
 //! In: a frame's pyramid, a model, a [`Plan`]. Out: detections, best score first. A step gathers
 //! votes: it compares some keygraphs of the frame with some keygraphs of the model. A decision
@@ -13,7 +13,7 @@ use core::ops::Range;
 
 use heapless::{Vec, VecView};
 
-use crate::base::capacity::{Buffer, CANDIDATES, Stage, StageStats, count, id};
+use crate::base::capacity::{Buffer, CANDIDATES, LEVELS, Stage, StageStats, count, id};
 use crate::base::geometry::{Homography, Point};
 use crate::base::math;
 use crate::base::pace::Pace;
@@ -26,9 +26,9 @@ use crate::detect::detection::{Detection, Detections};
 use crate::detect::evidence::{self, is_found, weigh};
 use crate::detect::hough::{self, Bin, Candidate};
 use crate::detect::observer::Output;
-use crate::detect::plan::{Plan, Settle, Step, When};
+use crate::detect::plan::{Levels, Plan, Settle, Step, When};
 use crate::detect::pose::{self, Normalised, PRIORS, Pair, Prior, collect_pairs, count_agreeing};
-use crate::detect::scene::{Context, Scene, vertices};
+use crate::detect::scene::{Context, FINEST, Scene, vertices};
 use crate::detect::scrutiny::scrutinise;
 use crate::detect::verify::likeness;
 use crate::detect::vote::{Vote, Votes, cast};
@@ -67,6 +67,54 @@ impl Findings {
     }
 }
 
+/// The piece of a search that comes next.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Piece {
+    /// Corners and keygraphs of this level.
+    Level(u8),
+    /// Features of the keygraphs that have none yet.
+    Features,
+    /// The step's condition.
+    Step,
+    /// Matches and votes of a chunk of keygraphs, from this one on.
+    Chunk(u16),
+    /// Candidates of the open votes.
+    Candidates,
+    /// This candidate.
+    Candidate(u8),
+    /// The best name at each place.
+    Names,
+    /// Nothing: the search is over.
+    End,
+}
+
+/// Where a search stands between two of its pieces. It has 20 bytes.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Place {
+    next: Piece,
+    round: u16,
+    step: u16,
+    /// Weight of the heaviest candidate that the last decision of the round left open.
+    open: Option<u32>,
+    /// Number of detections before the decision.
+    known: u16,
+    /// Number of keygraphs on the levels above the finest, which come first.
+    coarse: u16,
+    /// Whether the finest level has been searched.
+    has_finest: bool,
+}
+
+impl Place {
+    /// The start of a search: the first level above the finest.
+    pub(crate) const START: Self =
+        Self { next: Piece::Level(FINEST + 1), round: 0, step: 0, open: None, known: 0, coarse: 0, has_finest: false };
+
+    /// Whether the search is over.
+    pub(crate) fn is_end(&self) -> bool {
+        self.next == Piece::End
+    }
+}
+
 /// State of a search.
 pub(crate) struct Search<'a, 'o> {
     pub(crate) context: Context<'a, 'o>,
@@ -78,31 +126,90 @@ pub(crate) struct Search<'a, 'o> {
 }
 
 impl Search<'_, '_> {
-    /// Runs the steps of a plan.
-    pub(crate) fn run(&mut self, plan: &Plan) {
-        self.scene.find_coarse(&mut self.context);
-        for round in 0..plan.rounds() {
-            // Weight of the heaviest candidate that the last decision left open.
-            let mut open = None;
-            for i in 0.. {
-                let Some(step) = plan.step(round, i) else { break };
-                if self.context.laps.stopped || !self.is_wanted(&step, open) {
-                    break;
-                }
-                self.gather_votes(&step);
-                if let Some(bar) = &step.decide {
-                    open = self.decide(bar, plan);
+    /// Does the piece of a search that comes next. Returns whether there is another.
+    #[inline(never)]
+    pub(crate) fn advance(&mut self, plan: &Plan, at: &mut Place) -> bool {
+        let step = || plan.step(usize::from(at.round), usize::from(at.step));
+        at.next = match at.next {
+            Piece::Level(level) => {
+                self.scene.find_level(level, &mut self.context);
+                let more = level != FINEST && usize::from(level) + 1 < LEVELS;
+                if more { Piece::Level(level + 1) } else { Piece::Features }
+            }
+            Piece::Features => {
+                self.scene.extract_features(usize::from(at.coarse), &mut self.context);
+                if at.has_finest {
+                    Piece::Chunk(at.coarse)
+                } else {
+                    at.coarse = id(self.scene.keygraphs.len());
+                    Piece::Step
                 }
             }
-            if plan.settle() == Settle::AfterRound {
-                self.settle();
-                self.votes.drop_open();
+            Piece::Step => match step().filter(|s| !self.context.laps.stopped && self.is_wanted(s, at.open)) {
+                Some(Step { levels: Levels::Coarse, .. }) => Piece::Chunk(0),
+                Some(_) if at.has_finest => Piece::Chunk(at.coarse),
+                Some(_) => {
+                    at.has_finest = true;
+                    Piece::Level(FINEST)
+                }
+                None => self.end_round(plan, at),
+            },
+            Piece::Chunk(first) => match step() {
+                Some(s) if self.gather_votes(&s, first, at.coarse) => Piece::Chunk(first + id(CHUNK)),
+                Some(Step { decide: Some(_), .. }) => Piece::Candidates,
+                _ => {
+                    at.step += 1;
+                    Piece::Step
+                }
+            },
+            Piece::Candidates => {
+                at.known = id(self.findings.detections.len());
+                self.find_candidates();
+                Piece::Candidate(0)
+            }
+            Piece::Candidate(i) => {
+                let bar = step().and_then(|s| s.decide).unwrap_or(Bar::NONE);
+                if self.examine(usize::from(i), &bar, plan.visible()) {
+                    Piece::Candidate(i + 1)
+                } else {
+                    self.end_decision(plan, at)
+                }
+            }
+            Piece::Names => {
+                self.findings.named = evidence::name(&mut self.findings.detections, self.context.laps);
+                let named = &self.findings.detections[..self.findings.named];
+                self.context.laps.end(self.context.tally, Output::Detections(named));
+                Piece::End
+            }
+            Piece::End => Piece::End,
+        };
+        self.context.tally.stats.stopped = self.context.laps.stopped;
+        at.next != Piece::End
+    }
+
+    /// Ends a round. Returns what comes next.
+    fn end_round(&mut self, plan: &Plan, at: &mut Place) -> Piece {
+        if plan.settle() == Settle::AfterRound {
+            self.settle();
+            self.votes.drop_open();
+        }
+        (at.round, at.step, at.open) = (at.round + 1, 0, None);
+        if usize::from(at.round) < plan.rounds() { Piece::Step } else { Piece::Names }
+    }
+
+    /// Ends a decision. Returns what comes next.
+    fn end_decision(&mut self, plan: &Plan, at: &mut Place) -> Piece {
+        if plan.settle() == Settle::AfterDecision {
+            self.settle();
+            if self.findings.detections.len() > usize::from(at.known) {
+                return Piece::Candidates;
             }
         }
-        self.findings.named = evidence::name(&mut self.findings.detections, self.context.laps);
-        let named = &self.findings.detections[..self.findings.named];
-        self.context.laps.end(self.context.tally, Output::Detections(named));
-        self.context.tally.stats.stopped = self.context.laps.stopped;
+        let Findings { candidates, detections, .. } = &*self.findings;
+        let open = candidates.iter().filter(|c| !is_found(detections, c.object, c.pose.centre));
+        at.open = open.map(|c| c.weight).max();
+        at.step += 1;
+        Piece::Step
     }
 
     /// Whether a step is to be taken. `open` is the weight of the heaviest candidate that the last
@@ -117,19 +224,19 @@ impl Search<'_, '_> {
         }
     }
 
-    /// Finds the matches of a step, and casts their votes.
-    fn gather_votes(&mut self, step: &Step) {
-        let keygraphs = self.scene.keygraphs_of(step.levels, &mut self.context);
-        for first in keygraphs.clone().step_by(CHUNK) {
-            if self.context.laps.stopped {
-                return;
-            }
-            self.find_matches(step, first..keygraphs.end.min(first + CHUNK));
+    /// Finds the matches of a chunk of keygraphs, and casts their votes. Returns whether the step has
+    /// another chunk.
+    fn gather_votes(&mut self, step: &Step, first: u16, coarse: u16) -> bool {
+        let end = if step.levels == Levels::Coarse { usize::from(coarse) } else { self.scene.keygraphs.len() };
+        let (first, next) = (usize::from(first), usize::from(first) + CHUNK);
+        if first < end && !self.context.laps.stopped {
+            self.find_matches(step, first..end.min(next));
             self.context.laps.end(self.context.tally, Output::Matches(&self.findings.matches));
             let first = self.votes.all().len();
             self.cast_votes();
             self.context.laps.end(self.context.tally, Output::Votes(&self.votes.all()[first..]));
         }
+        next < end && !self.context.laps.stopped
     }
 
     /// Finds the matches of a chunk of keygraphs.
@@ -180,71 +287,51 @@ impl Search<'_, '_> {
         context.tally.add(Stage::Verify, stats);
     }
 
-    /// Turns open votes into detections. Returns the weight of the heaviest candidate that lies
-    /// where nothing has been found.
-    fn decide(&mut self, bar: &Bar, plan: &Plan) -> Option<u32> {
-        loop {
-            let known = self.findings.detections.len();
-            // A keygraph counts once in a bin: its votes must be next to each other.
-            sort_by_key(self.votes.open_mut(), |v| (v.frame_keygraph, v.model_keygraph), self.context.laps);
-            self.find_candidates();
-            self.context.laps.end(self.context.tally, Output::Candidates(&self.findings.candidates));
-            let Findings { candidates, detections, .. } = &mut *self.findings;
-            candidates.retain(|c| !is_found(detections, c.object, c.pose.centre));
-            self.examine(bar, plan.visible());
-            if plan.settle() != Settle::AfterDecision {
-                break;
-            }
-            self.settle();
-            if self.findings.detections.len() <= known {
-                break;
-            }
-        }
-        let Findings { candidates, detections, .. } = &*self.findings;
-        let open = candidates.iter().filter(|c| !is_found(detections, c.object, c.pose.centre));
-        open.map(|c| c.weight).max()
-    }
-
-    /// Finds the poses with the most open votes.
+    /// Finds the poses with the most open votes, where nothing has been found.
     #[inline(never)]
     fn find_candidates(&mut self) {
+        // A keygraph counts once in a bin: its votes must be next to each other.
+        sort_by_key(self.votes.open_mut(), |v| (v.frame_keygraph, v.model_keygraph), self.context.laps);
         let rules = self.context.model.method().parameters();
         let candidates = &mut self.findings.candidates;
         let stats = hough::find_candidates(self.votes.open(), &rules.voting, self.bins, candidates, self.context.laps);
         candidates.truncate(rules.candidates);
         self.context.tally.add(Stage::Vote, stats);
         self.context.tally.mark(Buffer::Bins, self.bins.iter().filter(|b| !b.is_free()).count());
+        self.context.laps.end(self.context.tally, Output::Candidates(&self.findings.candidates));
+        let Findings { candidates, detections, .. } = &mut *self.findings;
+        candidates.retain(|c| !is_found(detections, c.object, c.pose.centre));
     }
 
-    /// Turns the candidates into poses, and keeps those with enough evidence.
+    /// Turns candidate `i` into a pose, and keeps it if there is enough evidence. Returns whether there
+    /// is another one to look at.
     #[inline(never)]
-    fn examine(&mut self, bar: &Bar, visible: f32) {
+    fn examine(&mut self, i: usize, bar: &Bar, visible: f32) -> bool {
         let (model, rules) = (self.context.model, self.context.model.method().parameters());
-        for i in 0..self.findings.candidates.len() {
-            let candidate = self.findings.candidates[i];
-            if self.context.laps.stopped || candidate.weight < bar.weight {
-                break;
-            }
-            if rules.grow {
-                let (map, start) = self.find_pairs(&candidate);
-                if let Some(mut d) = self.find_pose(&candidate, &map, &start)
-                    && (candidate.weight >= bar.heavy || d.appearance.support >= bar.support)
-                {
-                    d.agreeing = count_agreeing(&map, self.pairs, &d.homography);
-                    weigh(&self.scene, self.votes, model, &mut d, self.context.laps);
-                    if d.score >= bar.impression && d.appearance.visible >= visible {
-                        d.score = believe(&scrutinise(&self.scene.pyramid, model, &d, self.context.laps));
-                        // What has not been looked at whole is not believed.
-                        if !self.context.laps.stopped {
-                            self.accept(&d, bar.score);
-                        }
+        let Some(&candidate) = self.findings.candidates.get(i) else { return false };
+        if self.context.laps.stopped || candidate.weight < bar.weight {
+            return false;
+        }
+        if rules.grow {
+            let (map, start) = self.find_pairs(&candidate);
+            if let Some(mut d) = self.find_pose(&candidate, &map, &start)
+                && (candidate.weight >= bar.heavy || d.appearance.support >= bar.support)
+            {
+                d.agreeing = count_agreeing(&map, self.pairs, &d.homography);
+                weigh(&self.scene, self.votes, model, &mut d, self.context.laps);
+                if d.score >= bar.impression && d.appearance.visible >= visible {
+                    d.score = believe(&scrutinise(&self.scene.pyramid, model, &d, self.context.laps));
+                    // What has not been looked at whole is not believed.
+                    if !self.context.laps.stopped {
+                        self.accept(&d, bar.score);
                     }
                 }
-            } else {
-                self.accept(&similar(model, &candidate), bar.score);
             }
-            self.context.laps.end(self.context.tally, Output::Detections(&self.findings.detections));
+        } else {
+            self.accept(&similar(model, &candidate), bar.score);
         }
+        self.context.laps.end(self.context.tally, Output::Detections(&self.findings.detections));
+        true
     }
 
     /// Grows and aligns a candidate with each prior until a pose is convincing. Returns the pose
