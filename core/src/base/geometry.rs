@@ -134,6 +134,7 @@ impl Homography {
     }
 
     /// Returns the map that applies `other` first and `self` second.
+    #[inline(never)]
     #[must_use]
     pub fn after(&self, other: &Self) -> Self {
         let (a, b) = (&self.0, &other.0);
@@ -144,6 +145,7 @@ impl Homography {
     }
 
     /// Returns the inverse map, up to scale. Returns `None` when the map has no inverse.
+    #[inline(never)]
     #[must_use]
     pub fn inverse(&self) -> Option<Self> {
         let h = &self.0;
@@ -165,6 +167,7 @@ impl Homography {
 
     /// Returns the same map scaled so that its last element is 1. A map whose last element is 0 is
     /// returned as it is.
+    #[inline(never)]
     #[must_use]
     pub fn normalised(&self) -> Self {
         let last = self.0[8];
@@ -172,6 +175,7 @@ impl Homography {
     }
 
     /// Returns the images of the corners `(0,0) (w,0) (w,h) (0,h)` of a picture.
+    #[inline(never)]
     #[must_use]
     pub fn outline(&self, width: f32, height: f32) -> [[f32; 2]; 4] {
         [[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]].map(|p| self.apply(p))

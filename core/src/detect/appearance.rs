@@ -8,13 +8,15 @@
 //! Memory: about 2 KB of stack, 4 KB on a target with vectors. Cost: one bilinear sample for each
 //! pixel of the template (at most 9,216).
 
+use core::ops::Range;
+
 use crate::base::capacity::{LEVELS, id};
 use crate::base::geometry::{Homography, area, is_convex};
 use crate::base::math;
 use crate::base::pace::Pace;
 use crate::base::sort::sort;
 use crate::detect::light::{BLOCKS, Moments, agreement};
-use crate::detect::overlay::{Overlay, block_ranges, every, number};
+use crate::detect::overlay::{Columns, Overlay, block_ranges, every, number};
 use crate::detect::verify::{CHROMA_NOISE, Products};
 use crate::image::frame::NO_CHROMA;
 use crate::image::plane::{Plane, nearest};
@@ -93,13 +95,15 @@ fn level_under(h: &Homography, width: f32, height: f32) -> usize {
 /// How much the gradients of a block run both ways, 0 to 1: twice the smaller eigenvalue of their
 /// structure tensor, divided by its trace. It is 0 for a block with one straight edge, which agrees
 /// at every place along another edge.
-fn roundness(luma: &Plane<'_, u8>, block: usize) -> f32 {
-    let (w, h) = (luma.width(), luma.height());
-    let range = |size: usize, b: usize| block_ranges(size, BLOCKS, 1).nth(b).unwrap_or_default();
+fn roundness(luma: &Plane<'_, u8>, [columns, rows]: &Part, block: usize) -> f32 {
+    let range = |part: &Range<usize>, size: usize, b: usize| {
+        let block = blocks_of(part).nth(b).unwrap_or_default();
+        block.start.max(1)..block.end.min(size - 1)
+    };
     let (mut xx, mut xy, mut yy) = (0i32, 0i32, 0i32);
-    for y in range(h, block / BLOCKS) {
+    for y in range(rows, luma.height(), block / BLOCKS) {
         let [above, row, below] = [y - 1, y, y + 1].map(|y| luma.row(y));
-        for x in range(w, block % BLOCKS) {
+        for x in range(columns, luma.width(), block % BLOCKS) {
             let (gx, gy) = (i32::from(row[x + 1]) - i32::from(row[x - 1]), i32::from(below[x]) - i32::from(above[x]));
             xx += gx * gx;
             xy += gx * gy;
@@ -111,8 +115,50 @@ fn roundness(luma: &Plane<'_, u8>, block: usize) -> f32 {
     (sum - math::sqrt(difference * difference + cross * cross)).max(0.0) / sum.max(1.0)
 }
 
+/// Columns and rows of a part of a template.
+type Part = [Range<usize>; 2];
+
+/// Largest share of a template that is looked at as a part. When more of it lies in the frame, all of
+/// it is looked at.
+const PART: f32 = 0.45;
+
+/// Minimum sides of a part, px of the template.
+const LEAST_PART: usize = 3 * BLOCKS;
+
+/// Number of places along a side of a template that are looked for in the frame.
+const PLACES: usize = 16;
+
+/// The part of a template, of `size` px, that lies in the frame, of `frame` px, under `h`. It is the
+/// whole template unless the object is so large or so far outside that most of it is not in the frame.
+#[inline(never)]
+fn part_in_frame(h: &Homography, size: [usize; 2], frame: [usize; 2]) -> Part {
+    let ([mut least, mut most], bounds) = ([[PLACES; 2], [0; 2]], frame.map(|v| v as f32));
+    for place in 0..(PLACES + 1) * (PLACES + 1) {
+        let at = [place % (PLACES + 1), place / (PLACES + 1)];
+        let [x, y] = h.apply([0, 1].map(|axis| (at[axis] * size[axis]) as f32 / PLACES as f32));
+        if x >= 0.0 && y >= 0.0 && x < bounds[0] && y < bounds[1] {
+            for axis in 0..2 {
+                least[axis] = least[axis].min(at[axis]);
+                most[axis] = most[axis].max(at[axis]);
+            }
+        }
+    }
+    let part = [0, 1].map(|axis| least[axis] * size[axis] / PLACES..most[axis] * size[axis] / PLACES);
+    let [w, h] = part.each_ref().map(|side| side.len());
+    let is_part = (w * h) as f32 <= PART * (size[0] * size[1]) as f32 && w.min(h) >= LEAST_PART;
+    if is_part { part } else { size.map(|v| 0..v) }
+}
+
+/// The columns or rows of each block of a part.
+fn blocks_of(part: &Range<usize>) -> impl Iterator<Item = Range<usize>> {
+    let start = part.start;
+    block_ranges(part.len(), BLOCKS, 0).map(move |b| start + b.start..start + b.end)
+}
+
 /// Correlations of the blocks of one level of the template.
 pub(crate) struct Blocks {
+    /// The part of the template that the blocks divide.
+    part: Part,
     values: [f32; BLOCKS * BLOCKS],
     /// Number of the block that each correlation belongs to.
     places: [u8; BLOCKS * BLOCKS],
@@ -138,13 +184,20 @@ impl Blocks {
         let h = h.after(&template.to_picture(width, height)).after(&out_of_level(level));
         let target = level_under(&h, w as f32, h_ as f32);
         let overlay = Overlay { luma, plane: view.luma(target), map: into_level(target).after(&h) };
-        let mut blocks = Self { values: [0.0; BLOCKS * BLOCKS], places: [0; BLOCKS * BLOCKS], n: 0, inside: 0 };
-        let columns = overlay.columns();
+        let frame = [view.luma(0).width(), view.luma(0).height()];
+        // The alignment, on level 1, knows the light of each block of the whole.
+        let part = if level == 0 { part_in_frame(&h, [w, h_], frame) } else { [0..w, 0..h_] };
+        let full = (part[0].len() * part[1].len() / (BLOCKS * BLOCKS)) as f32 / number(every(&luma));
+        let mut columns: Columns = Default::default();
+        columns.iter_mut().zip(blocks_of(&part[0])).for_each(|(to, from)| *to = from);
+        let rows = blocks_of(&part[1]);
+        let (values, places) = ([0.0; BLOCKS * BLOCKS], [0; BLOCKS * BLOCKS]);
+        let mut blocks = Self { part: part.clone(), values, places, n: 0, inside: 0 };
         let mut places = 0u8..;
-        for ys in block_ranges(h_, BLOCKS, 0) {
+        for ys in rows {
             for (m, place) in overlay.correlate(ys, &columns).iter().zip(&mut places) {
                 saw(usize::from(place), m);
-                blocks.add(place, m, (w * h_ / (BLOCKS * BLOCKS)) as f32 / number(every(&luma)));
+                blocks.add(place, m, full);
             }
         }
         blocks
@@ -186,7 +239,7 @@ impl Blocks {
         let agreeing = blocks.map(|(&c, place)| (agreement(c), place)).filter(|&(a, _)| a > 0.0);
         let weigh = |(a, place): (f32, u8)| {
             pace.goes_on();
-            a * a * roundness(luma, usize::from(place))
+            a * a * roundness(luma, &self.part, usize::from(place))
         };
         agreeing.map(weigh).sum()
     }

@@ -183,11 +183,6 @@ impl<'a> Overlay<'a> {
         line
     }
 
-    /// Returns the columns of the blocks of a row.
-    pub(crate) fn columns(&self) -> Columns {
-        ranges(block_ranges(self.luma.width(), BLOCKS, 0))
-    }
-
     /// Correlates a row of blocks, which have the rows `ys` and these columns.
     pub(crate) fn correlate(&self, ys: Range<usize>, columns: &Columns) -> [Moments; BLOCKS] {
         let mut pairs = RowOfPairs::default();

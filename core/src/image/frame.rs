@@ -3,12 +3,10 @@
 //! In: a borrowed buffer in one of six pixel formats. Out: full-size luma (`u8`) and two half-size
 //! planes of normalised chroma (`i8`).
 //!
-//! Luma is Y itself, or (4899 R + 9617 G + 1868 B) / 16384 (ITU-R BT.601, with the rounding that is
-//! usual in the field). Chroma of a 2x2 block is the vector
-//! `(R - (G+B)/2, sqrt(3)/2 (G-B)) / max(R,G,B)`, scaled by 127. The angle of the vector is the
-//! hue. Its length is the saturation of HSV (up to the difference between hexagon and circle). A
-//! change of brightness does not change the vector. A block darker than [`DARK`] has no chroma:
-//! both planes then hold [`NO_CHROMA`].
+//! Luma is Y or (4899 R + 9617 G + 1868 B) / 16384 (BT.601), stretched in a dark frame. Chroma of a
+//! 2x2 block is the vector `(R - (G+B)/2, sqrt(3)/2 (G-B)) / max(R,G,B)`, scaled by 127. Its angle is
+//! the hue, its length the saturation of HSV, and brightness does not change it. A block darker than
+//! [`DARK`], in a dark frame less, has no chroma: both planes then hold [`NO_CHROMA`].
 //!
 //! Memory: none beyond the planes. Cost: one pass over the pixels.
 
@@ -17,6 +15,7 @@ use core::ops::Range;
 use crate::base::math::{self, VECTORS};
 use crate::base::pace::{Pace, Steady};
 use crate::base::says::says;
+use crate::image::exposure::{Brightness, Exposure};
 
 /// Value in both chroma planes where a block has no chroma: the block is too dark, or the frame is
 /// gray.
@@ -202,16 +201,23 @@ impl<'a> Frame<'a> {
     /// # Panics
     /// Panics when `luma` is shorter than that.
     pub fn convert_luma(&self, luma: &mut [u8]) {
-        luma_from(self, 0, &mut luma[..self.width * self.height]);
+        let (w, h) = (self.width, self.height);
+        let luma = &mut luma[..w * h];
+        let exposure = Exposure::of(h, &mut luma[..w], |y, row| luma_from(self, y * w, row), &mut Steady);
+        luma_from(self, 0, luma);
+        exposure.apply(luma);
     }
 
     /// Writes the luma of a part of the frame into `luma`, row after row. The part must lie within
     /// the frame.
     pub(crate) fn convert_luma_of(&self, part: &Part, luma: &mut [u8]) {
+        let mut brightness = Brightness::NONE;
         let starts = part.rows.clone().map(|y| y * self.width + part.columns.start);
         for (start, row) in starts.zip(luma.chunks_exact_mut(part.columns.len())) {
             luma_from(self, start, row);
+            brightness.add(row);
         }
+        brightness.exposure().apply(luma);
     }
 
     /// Writes luma into `luma` (`width * height`) and chroma into the planes `a` and `b`
@@ -226,14 +232,17 @@ impl<'a> Frame<'a> {
     /// Converts the frame as [`Frame::convert`] does, in bands of rows.
     pub(crate) fn convert_at(&self, luma: &mut [u8], a: &mut [i8], b: &mut [i8], pace: &mut dyn Pace) {
         let (w, c) = (self.width, self.width / 2);
+        let exposure = Exposure::of(self.height, &mut luma[..w], |y, row| luma_from(self, y * w, row), pace);
         // Each row of chroma stands for two rows of luma. An odd last row has luma alone.
         for y in (0..self.height.div_ceil(2)).step_by(BAND) {
             // The frame is converted to its end, so that what is known can be followed.
             pace.goes_on();
             let rows = BAND.min(self.height / 2 - y);
             let luma_rows = (2 * BAND).min(self.height - 2 * y);
-            luma_from(self, 2 * y * w, &mut luma[2 * y * w..][..luma_rows * w]);
-            chroma_from(self, y, &mut a[y * c..][..rows * c], &mut b[y * c..]);
+            let band = &mut luma[2 * y * w..][..luma_rows * w];
+            luma_from(self, 2 * y * w, band);
+            exposure.apply(band);
+            chroma_from(self, y, 4 * exposure.under(DARK), &mut a[y * c..][..rows * c], &mut b[y * c..]);
         }
     }
 }
@@ -241,6 +250,7 @@ impl<'a> Frame<'a> {
 /// Writes the luma of the pixels from number `first` on, in reading order. The length of `luma` is
 /// the number of pixels.
 #[cfg_attr(feature = "dispatch", multiversion::multiversion(targets("x86_64+avx2")))]
+#[cfg_attr(not(feature = "dispatch"), inline(never))]
 fn luma_from(frame: &Frame<'_>, first: usize, luma: &mut [u8]) {
     let (n, data) = (luma.len(), frame.data);
     let pairs = || data[2 * first..].as_chunks::<2>().0;
@@ -257,7 +267,7 @@ const BAND: usize = 4;
 
 /// Fills rows of the chroma planes, from row `first` on: `a` and `b` hold these rows.
 #[cfg_attr(feature = "dispatch", multiversion::multiversion(targets("x86_64+avx2")))]
-fn chroma_from(frame: &Frame<'_>, first: usize, a: &mut [i8], b: &mut [i8]) {
+fn chroma_from(frame: &Frame<'_>, first: usize, dark: i32, a: &mut [i8], b: &mut [i8]) {
     let (w, h, data) = (frame.width, frame.height, frame.data);
     let n = w * h;
     match frame.format {
@@ -265,18 +275,18 @@ fn chroma_from(frame: &Frame<'_>, first: usize, a: &mut [i8], b: &mut [i8]) {
             a.fill(NO_CHROMA);
             b[..a.len()].fill(NO_CHROMA);
         }
-        PixelFormat::Rgb8 => fill_chroma(w / 2, first, a, b, |y| {
+        PixelFormat::Rgb8 => fill_chroma(w / 2, first, dark, a, b, |y| {
             let [top, low] = rows(data, 3 * w, y).map(|row| row.as_chunks().0);
             move |x| sums_of_rgb8([&top[x], &low[x]])
         }),
-        PixelFormat::Rgb565 => fill_chroma(w / 2, first, a, b, |y| {
+        PixelFormat::Rgb565 => fill_chroma(w / 2, first, dark, a, b, |y| {
             let [top, low] = rows(data, 2 * w, y).map(|row| row.as_chunks().0);
             move |x| {
                 let [p, q, r, s] = [top[2 * x], top[2 * x + 1], low[2 * x], low[2 * x + 1]].map(rgb565);
                 [0, 1, 2].map(|c| p[c] + q[c] + r[c] + s[c])
             }
         }),
-        PixelFormat::Yuyv => fill_chroma(w / 2, first, a, b, |y| {
+        PixelFormat::Yuyv => fill_chroma(w / 2, first, dark, a, b, |y| {
             let [top, low] = rows(data, 2 * w, y).map(|row| &row.as_chunks::<4>().0[..w / 2]);
             move |x| {
                 // Each sum holds the values of two pixels: Y and Y, or U and V.
@@ -291,7 +301,7 @@ fn chroma_from(frame: &Frame<'_>, first: usize, a: &mut [i8], b: &mut [i8]) {
             let uv = &data[n..];
             // `step` is the distance between neighbours in one plane, `v` the distance from U to V.
             let (step, v) = if frame.format == PixelFormat::Nv12 { (2, 1) } else { (1, n / 4) };
-            fill_chroma(w / 2, first, a, b, |y| {
+            fill_chroma(w / 2, first, dark, a, b, |y| {
                 let [top, low] = rows(data, w, y).map(|row| row.as_chunks().0);
                 let (u, v) = (&uv[y * (w / 2) * step..], &uv[y * (w / 2) * step + v..]);
                 move |x| {
@@ -388,59 +398,60 @@ const STRIP: usize = 64;
 fn fill_chroma<F: Fn(usize) -> [i32; 3]>(
     width: usize,
     first: usize,
+    dark: i32,
     a: &mut [i8],
     b: &mut [i8],
     row: impl Fn(usize) -> F,
 ) {
     for (y, (a, b)) in (first..).zip(a.chunks_exact_mut(width).zip(b.chunks_exact_mut(width))) {
         let sums = row(y);
-        if VECTORS { fill_by_strips(a, b, &sums) } else { fill_one_by_one(a, b, &sums) }
+        if VECTORS { fill_by_strips(dark, a, b, &sums) } else { fill_one_by_one(dark, a, b, &sums) }
     }
 }
 
 /// Fills a row of chroma, one block after the other.
 #[inline(always)]
-fn fill_one_by_one(a: &mut [i8], b: &mut [i8], sums: impl Fn(usize) -> [i32; 3]) {
+fn fill_one_by_one(dark: i32, a: &mut [i8], b: &mut [i8], sums: impl Fn(usize) -> [i32; 3]) {
     for (x, (a, b)) in a.iter_mut().zip(b).enumerate() {
         let [red, green, blue] = sums(x);
         let most = red.max(green).max(blue);
-        [*a, *b] = if most < 4 * DARK { [NO_CHROMA; 2] } else { chroma_of([red, green, blue], most) };
+        [*a, *b] = if most < dark { [NO_CHROMA; 2] } else { chroma_of([red, green, blue], most, dark) };
     }
 }
 
 /// Fills a row of chroma, the blocks of a strip together.
 #[inline(always)]
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "sums of four bytes")]
-fn fill_by_strips(a: &mut [i8], b: &mut [i8], sums: impl Fn(usize) -> [i32; 3]) {
+fn fill_by_strips(dark: i32, a: &mut [i8], b: &mut [i8], sums: impl Fn(usize) -> [i32; 3]) {
     let mut strip = [[0; STRIP]; 3];
     for (i, (a, b)) in a.chunks_mut(STRIP).zip(b.chunks_mut(STRIP)).enumerate() {
         let [red, green, blue] = &mut strip;
         for x in 0..a.len().min(STRIP) {
             [red[x], green[x], blue[x]] = sums(i * STRIP + x).map(|v| v as i16);
         }
-        chroma(&strip, a, b);
+        chroma(&strip, dark, a, b);
     }
 }
 
 /// Computes the normalised chroma of blocks. `sums` holds the sums of red, of green and of blue
 /// over the four pixels of each block.
 #[inline(always)]
-fn chroma<const N: usize>(sums: &[[i16; N]; 3], a: &mut [i8], b: &mut [i8]) {
+fn chroma<const N: usize>(sums: &[[i16; N]; 3], dark: i32, a: &mut [i8], b: &mut [i8]) {
     let n = a.len();
     let ([red, green, blue], b) = (sums.each_ref().map(|s| &s[..n]), &mut b[..n]);
     for i in 0..n {
         let most = red[i].max(green[i]).max(blue[i]);
-        [a[i], b[i]] = chroma_of([red[i], green[i], blue[i]].map(i32::from), most.into());
+        [a[i], b[i]] = chroma_of([red[i], green[i], blue[i]].map(i32::from), most.into(), dark);
     }
 }
 
 #[inline(always)]
 #[allow(clippy::cast_possible_truncation, reason = "within 127")]
-fn chroma_of([red, green, blue]: [i32; 3], most: i32) -> [i8; 2] {
+fn chroma_of([red, green, blue]: [i32; 3], most: i32, dark: i32) -> [i8; 2] {
     let k = 63.5 / most as f32;
     let along = (2 * red - (green + blue)) as f32 * k;
     let across = (green - blue) as f32 * (1.732_050_8 * k);
-    let lit = most >= 4 * DARK;
+    let lit = most >= dark;
     [along, across].map(|v| if lit { math::whole(v) as i8 } else { NO_CHROMA })
 }
 
@@ -459,7 +470,7 @@ mod tests {
 
     #[test]
     fn luma_of_a_part_is_that_of_the_whole() {
-        let data: std::vec::Vec<u8> = (0..3 * W * H).map(|i| (i * i / 7) as u8).collect();
+        let data: std::vec::Vec<u8> = (0..3 * W * H).map(|i| (i * i / 7) as u8 | 0x80).collect();
         for format in PixelFormat::ALL {
             let frame = Frame::new(format, W, H, &data[..format.bytes(W, H)]).unwrap();
             let (mut whole, mut luma) = ([0; W * H], [0; W * H]);
@@ -526,7 +537,7 @@ mod tests {
 
     fn chroma_of(sums: [i16; 3]) -> [i8; 2] {
         let (mut a, mut b) = ([0], [0]);
-        chroma(&sums.map(|v| [v; STRIP]), &mut a, &mut b);
+        chroma(&sums.map(|v| [v; STRIP]), 4 * DARK, &mut a, &mut b);
         [a[0], b[0]]
     }
 
@@ -569,8 +580,8 @@ mod tests {
             |x: usize| [0, 1, 2].map(|c| (random(3 * x + c) as i32).min(1020) >> (4 * i32::from(x.is_multiple_of(3))));
         for n in [1, 2, STRIP - 1, STRIP, STRIP + 1, 3 * STRIP + 5] {
             let [mut a, mut b, mut c, mut d] = [(); 4].map(|()| std::vec![0; n]);
-            fill_one_by_one(&mut a, &mut b, sums);
-            fill_by_strips(&mut c, &mut d, sums);
+            fill_one_by_one(4 * DARK, &mut a, &mut b, sums);
+            fill_by_strips(4 * DARK, &mut c, &mut d, sums);
             assert_eq!((&a, &b), (&c, &d), "{n} blocks");
             for x in 0..n {
                 let most = sums(x).into_iter().max().unwrap();

@@ -34,8 +34,11 @@ const fn tilted(side_px: f32, squeeze: f32, direction_deg: f32, keypoints: u8) -
     ViewSpec { side_px, squeeze, direction_deg, keypoints }
 }
 
-/// Five sizes from the front, and four tilted views in four directions each.
-const VIEWS: [ViewSpec; 21] = [
+/// Two sizes at which an object is about as large as the frame or larger, five smaller sizes from the
+/// front, and four tilted views in four directions each.
+const VIEWS: [ViewSpec; 23] = [
+    upright(800.0, 250),
+    upright(560.0, 180),
     upright(400.0, 110),
     upright(280.0, 110),
     upright(200.0, 100),
@@ -108,6 +111,8 @@ impl Preset {
         let (method, views): (_, &'static [ViewSpec]) = match self {
             Self::Paper => (Method::Paper, &PAPER_VIEW),
             Self::Learnt => (Method::Keygraph, &LEARNT_VIEWS),
+            // It has no room for the two largest.
+            Self::Compact => (Method::Keygraph, VIEWS.split_at(2).1),
             _ => (Method::Keygraph, &VIEWS),
         };
         let feature = match self {
