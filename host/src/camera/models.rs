@@ -34,7 +34,7 @@ use crate::output::{check_name, plain};
 /// Maximum number of models.
 const MOST: usize = 64;
 /// Maximum size of all models together in bytes for which a merge saves no memory.
-const LITTLE: usize = 32 << 20;
+const LITTLE: usize = 16 << 20;
 /// Maximum time for which a merge waits until the search has given the merged model back.
 const RETURN: Duration = Duration::from_secs(5);
 
