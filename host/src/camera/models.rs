@@ -435,4 +435,40 @@ mod tests {
         let merged = models.merged().bytes.expect("merged");
         assert_eq!((models.generation(), Model::parse(&merged).expect("parses").objects()), (2, 7));
     }
+
+    #[test]
+    fn models_are_merged_again_when_their_files_are_gone() {
+        let (folder, model) = (Folder::new("files-gone"), model());
+        let paths: Vec<_> = (0..3).map(|i| folder.0.join(format!("{i}.kgm"))).collect();
+        paths.iter().for_each(|path| fs::write(path, &model).expect("writes"));
+        let models = Models::load(&paths, None).expect("loads");
+        assert!(models.lock().entries.iter().all(|e| matches!(e.place, Place::File(_))));
+        paths[1..].iter().for_each(|path| fs::remove_file(path).expect("removes"));
+        // One file is no model any more.
+        fs::write(&paths[0], vec![0; model.len()]).expect("writes");
+        models.add("noise", model.clone()).expect("goes with the others");
+        let merged = models.merged().bytes.expect("merged");
+        assert_eq!((models.count(), Model::parse(&merged).expect("parses").objects()), (4, 3));
+        assert_eq!(models.get(2).expect("there").read().expect("reads"), model);
+    }
+
+    #[test]
+    fn the_search_waits_for_a_merge_that_its_model_was_given_up_for() {
+        let (models, model) = (Models::load(&[], None).expect("nothing to fail"), model());
+        models.add("noise", model.clone()).and_then(|_| models.add("noise", model)).expect("goes together");
+        let held = models.merged();
+        thread::scope(|scope| {
+            let giving = scope.spawn(|| models.give_up());
+            while models.are(&held) {
+                thread::sleep(Duration::from_millis(1));
+            }
+            assert!(!giving.is_finished(), "it waits until the model is given back");
+            drop(held);
+            giving.join().expect("no panic");
+            let search = scope.spawn(|| models.merged());
+            models.remove(1).expect("removes").expect("it was there");
+            let merged = search.join().expect("no panic").bytes.expect("merged");
+            assert_eq!(Model::parse(&merged).expect("parses").objects(), 1);
+        });
+    }
 }
