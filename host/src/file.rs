@@ -70,24 +70,31 @@ pub fn read_whole(path: &Path) -> io::Result<Vec<u8>> {
     bytes
 }
 
-/// Reads a regular file that somebody else may have put there. A link is not followed, and
+/// Opens a regular file that somebody else may have put there. A link is not followed, and
 /// nothing else is opened: a pipe would make this wait for ever.
 ///
 /// # Errors
-/// When it cannot be read, or is no regular file.
-pub fn read_regular(path: &Path) -> io::Result<Vec<u8>> {
+/// When it cannot be opened, or is no regular file.
+pub fn open_regular(path: &Path) -> io::Result<File> {
     let refuse = |what| Err(io::Error::new(io::ErrorKind::InvalidInput, what));
     let named = fs::symlink_metadata(path)?;
     if !named.is_file() {
         return refuse("it is a link, a folder, a pipe or a device, not a regular file");
     }
-    let mut file = File::open(path)?;
-    let opened = file.metadata()?;
-    if Identity::new(path, &opened) != Identity::new(path, &named) {
+    let file = File::open(path)?;
+    if Identity::new(path, &file.metadata()?) != Identity::new(path, &named) {
         return refuse("it was exchanged while it was opened");
     }
+    Ok(file)
+}
+
+/// Reads a regular file, as [`open_regular`] opens it.
+///
+/// # Errors
+/// When it cannot be read, or is no regular file.
+pub fn read_regular(path: &Path) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
-    file.read_to_end(&mut bytes)?;
+    open_regular(path)?.read_to_end(&mut bytes)?;
     Ok(bytes)
 }
 

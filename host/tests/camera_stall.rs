@@ -10,6 +10,7 @@ mod program;
 use std::io::{Read, Write};
 use std::net::TcpListener;
 use std::process::Command;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -89,6 +90,59 @@ fn viewers_learners_and_brokers_that_hang_do_not_delay_the_end() {
     }
     thread::sleep(Duration::from_millis(200));
     ends_in_time(&mut live);
+}
+
+#[test]
+fn a_log_that_nobody_reads_does_not_delay_the_end() {
+    let mut live = Live::start(&["--replay", &sequence(), "--web", "127.0.0.1:0", "--token", "a-token-of-the-page"]);
+    live.token = Some("a-token-of-the-page".into());
+    live.frame(None, false);
+    live.stop_reading_the_log();
+    // The thread that serves the page logs a wrong token, and waits for ever.
+    let mut guess = live.connect();
+    write!(guess, "GET /status?token=a-wrong-guess HTTP/1.1\r\nHost: {}\r\n\r\n", live.place).unwrap();
+    thread::sleep(Duration::from_millis(500));
+    ends_in_time(&mut live);
+}
+
+#[test]
+fn a_busy_machine_does_not_delay_the_end() {
+    let folder = Folder::new("busy");
+    // No address of this network is in use (RFC 5737).
+    let arguments = ["--fps", "50", "--json", "--web", "127.0.0.1:0", "--mqtt", "mqtt://192.0.2.1/test"];
+    let mut live = Live::start(&[&["--replay", &sequence(), "-m", &model(&folder)], &arguments[..]].concat());
+    let shown = live.frame(None, false);
+    let done = AtomicBool::new(false);
+    thread::scope(|scope| {
+        for _ in 0..50 {
+            let mut viewer = live.connect();
+            let request = format!("GET /frame?details=1 HTTP/1.1\r\nHost: {}\r\n\r\n", live.place);
+            viewer.write_all(request.repeat(1000).as_bytes()).unwrap();
+            scope.spawn(move || std::io::copy(&mut viewer, &mut std::io::sink()));
+        }
+        let mut learners: Vec<_> = (0..4).map(|_| live.connect()).collect();
+        for learner in &mut learners {
+            let path = "/learn?name=x&corners=10,10,300,10,300,200,10,200";
+            let length = shown.jpeg.len();
+            write!(learner, "POST {path} HTTP/1.1\r\nHost: {}\r\nContent-Length: {length}\r\n\r\n", live.place)
+                .unwrap();
+            learner.write_all(&shown.jpeg).unwrap();
+        }
+        for _ in 0..20 {
+            scope.spawn(|| {
+                while !done.load(Ordering::Relaxed) {
+                    std::hint::spin_loop();
+                }
+            });
+        }
+        thread::sleep(Duration::from_secs(2));
+        let start = Instant::now();
+        live.signal("TERM");
+        let status = live.ended();
+        let time = start.elapsed();
+        done.store(true, Ordering::Relaxed);
+        assert!(status.success() && time < END, "{status} after {time:?}");
+    });
 }
 
 #[test]

@@ -54,16 +54,24 @@ pub fn cut_out(frame: &Picture, outline: &Outline) -> Result<Picture> {
         size[1]
     );
     let onto_frame = onto(outline, size);
-    let canvas = Canvas::from_picture(frame);
+    let converted;
+    let rgb = match &frame.pixels {
+        Pixels::Rgb8(rgb) => rgb.as_slice(),
+        _ => {
+            converted = Canvas::from_picture(frame);
+            converted.rgb()
+        }
+    };
+    let size_px = (frame.width as usize, frame.height as usize);
     let [width, height] = size.map(to_px);
-    let mut rgb = Vec::with_capacity(width * height * 3);
+    let mut cut = Vec::with_capacity(width * height * 3);
     for y in 0..height {
         for x in 0..width {
-            rgb.extend(sample(&canvas, onto_frame.apply([x as f32, y as f32])));
+            cut.extend(sample(rgb, size_px, onto_frame.apply([x as f32, y as f32])));
         }
     }
     let side = |v: usize| u32::try_from(v).unwrap_or(u32::MAX);
-    Ok(Picture { width: side(width), height: side(height), pixels: Pixels::Rgb8(rgb) })
+    Ok(Picture { width: side(width), height: side(height), pixels: Pixels::Rgb8(cut) })
 }
 
 /// A coordinate rounded down to whole px; 0 when it is negative.
@@ -84,15 +92,14 @@ fn onto(p: &Outline, [w, h]: [f32; 2]) -> Homography {
     Homography([a / w, b / h, c, d / w, e / h, f, g / w, k / h, 1.0])
 }
 
-/// The colour at a point of the canvas. Outside of the canvas, the colour of its border.
+/// The colour at a point of a picture of `w` x `h` px. Outside of it, the colour of its border.
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a mean of bytes")]
-fn sample(canvas: &Canvas, [x, y]: [f32; 2]) -> [u8; 3] {
-    let (w, h) = (canvas.width() as usize, canvas.height() as usize);
+fn sample(rgb: &[u8], (w, h): (usize, usize), [x, y]: [f32; 2]) -> [u8; 3] {
     let (x, y) = (x.clamp(0.0, (w - 1) as f32), y.clamp(0.0, (h - 1) as f32));
     let (left, top) = (to_px(x), to_px(y));
     let (right, bottom) = ((left + 1).min(w - 1), (top + 1).min(h - 1));
     let (u, v) = (x - left as f32, y - top as f32);
-    let at = |x: usize, y: usize, c: usize| f32::from(canvas.rgb()[(y * w + x) * 3 + c]);
+    let at = |x: usize, y: usize, c: usize| f32::from(rgb[(y * w + x) * 3 + c]);
     [0, 1, 2].map(|c| {
         let above = at(left, top, c) * (1.0 - u) + at(right, top, c) * u;
         let below = at(left, bottom, c) * (1.0 - u) + at(right, bottom, c) * u;

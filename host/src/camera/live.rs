@@ -24,7 +24,7 @@ use super::damage::Damage;
 use super::models::Models;
 use super::repeated::Repeated;
 use super::shot::{Shot, Work};
-use super::slot::Slot;
+use super::slot::{Slot, Taken};
 use super::tally::Tally;
 use super::tracker::{State, states};
 use crate::report::{frame_line, rounded};
@@ -36,6 +36,9 @@ const RATE_FRAMES: usize = 30;
 /// Pause after a frame that cannot be searched. Each one in a row makes it longer, up to five
 /// times.
 const PAUSE: Duration = Duration::from_millis(100);
+/// Maximum time for which a merged model is held while no frame arrives: it may be in the way of
+/// the next one.
+const LONGEST_HOLD: Duration = Duration::from_millis(100);
 /// Maximum time between two frames of a source that delivers.
 const SILENCE: Duration = Duration::from_secs(15);
 
@@ -169,8 +172,12 @@ pub fn search_frames(live: &Live, wanted: Request, mut each: impl FnMut(&Outcome
         let merged = live.models.merged();
         // The model is parsed once for each change, not for each frame: that reads all of it.
         let model = merged.bytes.as_ref().and_then(|b| Model::parse(b).ok());
-        while live.models.generation() == merged.generation {
-            let Some(captured) = live.frames.take() else { return Ok(()) };
+        while live.models.are(&merged) {
+            let captured = match live.frames.take_within(LONGEST_HOLD) {
+                Taken::Item(captured) => captured,
+                Taken::Nothing => continue,
+                Taken::Closed => return Ok(()),
+            };
             live.newest.store(live.now_ms(), Ordering::Relaxed);
             let start = Instant::now();
             let details = live.is_watched() && live.wants_details();

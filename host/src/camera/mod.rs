@@ -35,6 +35,7 @@
 //! - [`server`]: connections to the page
 //! - [`web`]: the page
 //! - [`mqtt`]: messages to a broker
+//! - [`signals`]: the end of the program at a signal
 //! - [`session`]: the threads beside the search
 //!
 //! Memory: a few frames; it does not grow. Cost: a search a frame, and one encoded JPEG a
@@ -64,6 +65,7 @@ pub mod intake;
 pub mod server;
 pub mod web;
 pub mod mqtt;
+pub mod signals;
 pub mod session;
 
 use std::io::{self, IsTerminal, Write};

@@ -7,23 +7,36 @@
 //! A merge takes time (up to a second for 40 models). Changes that come meanwhile are merged
 //! together after it. Only those who make a change wait for it, not those who read the list.
 //!
-//! Memory: each model, and the merged one. Cost: a merge a change, and one at the start.
+//! Memory: the merged model. A model that is a file is read again for each merge, from the file
+//! that was opened first: it may be removed meanwhile. Others stay in memory. During a merge, all
+//! models and the new merged one are in memory. The one before is kept for the search only while
+//! models have `LITTLE` bytes together. Beyond this, the search waits for the merge, and a merge
+//! waits for a training. Cost: a merge a change, and one at the start.
 
+use std::fs::{self, File};
+use std::io;
+use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::thread;
+use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, ensure};
 use keygraph_core::{Model, packed_len};
 use serde_json::{Value, json};
 
 use super::shelf::Shelf;
-use crate::file::{read_regular, read_whole};
+use crate::file::{open_regular, read_regular, read_whole};
 use crate::learn::merge;
 use crate::output::{check_name, plain};
 
 /// Maximum number of models.
 const MOST: usize = 64;
+/// Maximum size of all models together in bytes for which a merge saves no memory.
+const LITTLE: usize = 16 << 20;
+/// Maximum time for which a merge waits until the search has given the merged model back.
+const RETURN: Duration = Duration::from_secs(5);
 
 /// One model as it was given.
 #[derive(Clone, Debug)]
@@ -32,15 +45,48 @@ pub struct Entry {
     pub id: u64,
     /// The name for people: that of the file, or of the object.
     pub name: String,
-    /// The bytes of the model.
-    pub bytes: Arc<Vec<u8>>,
+    /// The size of the model in bytes.
+    pub length: usize,
     /// The file on the shelf; it is removed with the model.
     pub file: Option<PathBuf>,
     /// The objects of the model, for the page.
     objects: Value,
+    place: Place,
+}
+
+/// Where the bytes of a model are.
+#[derive(Clone, Debug)]
+enum Place {
+    Memory(Arc<Vec<u8>>),
+    File(Arc<File>),
 }
 
 impl Entry {
+    /// The bytes of the model.
+    ///
+    /// # Errors
+    /// When its file cannot be read.
+    pub fn read(&self) -> io::Result<Vec<u8>> {
+        let mut bytes = vec![0; self.length];
+        self.read_into(0, &mut bytes)?;
+        Ok(bytes)
+    }
+
+    /// Reads the bytes from `start` on, until `out` is full.
+    ///
+    /// # Errors
+    /// When the file cannot be read, or there are not so many bytes.
+    pub fn read_into(&self, start: usize, out: &mut [u8]) -> io::Result<()> {
+        match &self.place {
+            Place::Memory(bytes) => {
+                let part = start.checked_add(out.len()).and_then(|end| bytes.get(start..end));
+                out.copy_from_slice(part.ok_or(io::ErrorKind::UnexpectedEof)?);
+                Ok(())
+            }
+            Place::File(file) => file.read_exact_at(out, start as u64),
+        }
+    }
+
     /// The name of the model's file on the shelf.
     #[must_use]
     pub fn file_name(&self) -> Option<String> {
@@ -65,6 +111,8 @@ pub struct Models {
     writing: Mutex<()>,
     /// Held for the time of a merge.
     merging: Mutex<()>,
+    /// Tells that there is a merged model again.
+    ready: Condvar,
     shelf: Option<Shelf>,
     generation: AtomicU64,
 }
@@ -78,6 +126,8 @@ struct Content {
     /// The value of `changes` at the last merge.
     merged_changes: u64,
     merged: Option<Arc<Vec<u8>>>,
+    /// Whether the merged model was given up for the next one.
+    given_up: bool,
 }
 
 impl Models {
@@ -88,10 +138,17 @@ impl Models {
     /// a file of the shelf is no error: it is left out and logged, so that the others are
     /// still found.
     pub fn load(paths: &[PathBuf], shelf: Option<Shelf>) -> Result<Self> {
-        let content = Content { next_id: 1, entries: Vec::new(), changes: 0, merged_changes: 0, merged: None };
+        let content =
+            Content { next_id: 1, entries: Vec::new(), changes: 0, merged_changes: 0, merged: None, given_up: false };
         let kept = shelf.as_ref().map(Shelf::files).transpose()?.unwrap_or_default();
-        let (writing, merging) = (Mutex::new(()), Mutex::new(()));
-        let models = Self { content: Mutex::new(content), writing, merging, shelf, generation: AtomicU64::new(0) };
+        let models = Self {
+            content: Mutex::new(content),
+            writing: Mutex::new(()),
+            merging: Mutex::new(()),
+            ready: Condvar::new(),
+            shelf,
+            generation: AtomicU64::new(0),
+        };
         for path in paths {
             models.read(path, None)?;
         }
@@ -114,7 +171,12 @@ impl Models {
         let bytes = if file.is_some() { read_regular(path) } else { read_whole(path) };
         let bytes = bytes.with_context(|| format!("cannot read the model {}", path.display()))?;
         let name = path.file_stem().map_or_else(String::new, |s| plain(&s.to_string_lossy()).into_owned());
-        self.insert(&name, bytes, |_| Ok(file)).with_context(|| path.display().to_string())?;
+        let opened = match &file {
+            Some(_) => open_regular(path).ok(),
+            // A pipe is read once, above.
+            None => fs::metadata(path).ok().filter(fs::Metadata::is_file).and_then(|_| File::open(path).ok()),
+        };
+        self.insert(&name, bytes, |_| Ok((file, opened))).with_context(|| path.display().to_string())?;
         Ok(())
     }
 
@@ -130,20 +192,27 @@ impl Models {
     /// with the others, or cannot be written.
     pub fn add(&self, name: &str, bytes: Vec<u8>) -> Result<Entry> {
         check_name(name)?;
-        let keep = |model: &[u8]| self.shelf.as_ref().map(|shelf| shelf.keep(name, model)).transpose();
+        let keep = |model: &[u8]| {
+            let Some(shelf) = &self.shelf else { return Ok((None, None)) };
+            let path = shelf.keep(name, model)?;
+            let opened = open_regular(&path).ok();
+            Ok((Some(path), opened))
+        };
         let entry = self.insert(name, bytes, keep)?;
         if let Err(error) = self.merge_changes() {
             self.take_out(entry.id)?;
+            // The search may have nothing until this is done.
+            self.merge_changes()?;
             return Err(error);
         }
         Ok(entry)
     }
 
-    /// Adds a model, which is not merged yet. `keep` writes its file and returns the path; it
-    /// is called last.
+    /// Adds a model, which is not merged yet. `keep` writes its file, and returns its path on the
+    /// shelf and the file to read the model from, if there are any. It is called last.
     fn insert<K>(&self, name: &str, bytes: Vec<u8>, keep: K) -> Result<Entry>
     where
-        K: FnOnce(&[u8]) -> Result<Option<PathBuf>>,
+        K: FnOnce(&[u8]) -> Result<(Option<PathBuf>, Option<File>)>,
     {
         let model = Model::parse(&bytes)?;
         let objects = (0..model.objects()).map(|i| model.object(i));
@@ -151,16 +220,20 @@ impl Models {
         let _writing = self.writing.lock().unwrap_or_else(PoisonError::into_inner);
         let (count, last) = {
             let content = self.lock();
-            (content.entries.len(), content.entries.last().map(|e| Arc::clone(&e.bytes)))
+            (content.entries.len(), content.entries.last().cloned())
         };
         ensure!(count < MOST, "{MOST} models are in use: remove one first");
         // What goes with the one before goes with all: the others were checked likewise.
-        if let Some(last) = last {
+        if let Some(last) = last.and_then(|last| last.read().ok()) {
             packed_len(&[Model::parse(&last)?, model]).context("the models do not go together")?;
         }
-        let file = keep(&bytes)?;
+        let (file, opened) = keep(&bytes)?;
+        let length = bytes.len();
+        // Nobody has exchanged it since it was read.
+        let opened = opened.filter(|file| file.metadata().is_ok_and(|m| m.len() == length as u64));
+        let place = opened.map_or_else(|| Place::Memory(Arc::new(bytes)), |file| Place::File(Arc::new(file)));
         let mut content = self.lock();
-        let entry = Entry { id: content.next_id, name: name.to_string(), file, bytes: Arc::new(bytes), objects };
+        let entry = Entry { id: content.next_id, name: name.to_string(), length, file, objects, place };
         content.entries.push(entry.clone());
         content.next_id += 1;
         content.changes += 1;
@@ -177,12 +250,43 @@ impl Models {
             }
             (content.entries.clone(), content.changes)
         };
-        let merged = merge_all(&entries)?;
+        if size(&entries) > LITTLE {
+            self.give_up();
+        }
+        let merged = merge_all(&entries);
         let mut content = self.lock();
-        content.merged = merged;
-        content.merged_changes = changes;
-        self.generation.fetch_add(1, Ordering::Release);
-        Ok(())
+        match merged {
+            Ok(merged) => {
+                content.merged = merged;
+                content.merged_changes = changes;
+                content.given_up = false;
+                self.generation.fetch_add(1, Ordering::Release);
+                self.ready.notify_all();
+                Ok(())
+            }
+            Err(error) => Err(error),
+        }
+    }
+
+    /// Takes the merged model away from the search, which waits from now on for the next one.
+    fn give_up(&self) {
+        let old = {
+            let mut content = self.lock();
+            content.given_up = true;
+            content.merged.take()
+        };
+        let start = Instant::now();
+        // A search that takes longer keeps it: memory may be short then, but it ends.
+        while old.as_ref().is_some_and(|old| Arc::strong_count(old) > 1) && start.elapsed() < RETURN {
+            thread::sleep(Duration::from_millis(5));
+        }
+    }
+
+    /// Lets no merge begin until the guard is dropped, when the models are so large that a merge
+    /// and other work would need too much memory together. Waits for a merge that is going on.
+    pub fn without_merges(&self) -> Option<MutexGuard<'_, ()>> {
+        let large = size(&self.lock().entries) > LITTLE;
+        large.then(|| self.merging.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
     /// Removes a model, and its file from the shelf. Returns the model; `None` when no model
@@ -224,9 +328,16 @@ impl Models {
         self.generation.load(Ordering::Acquire)
     }
 
-    /// The merged model.
-    pub fn merged(&self) -> Merged {
+    /// Whether `merged` is up to date and may be kept.
+    pub fn are(&self, merged: &Merged) -> bool {
         let content = self.lock();
+        !content.given_up && self.generation() == merged.generation
+    }
+
+    /// The merged model. Waits for the next one when it was given up.
+    pub fn merged(&self) -> Merged {
+        let content = self.ready.wait_while(self.lock(), |content| content.given_up);
+        let content = content.unwrap_or_else(PoisonError::into_inner);
         Merged { generation: self.generation(), bytes: content.merged.clone() }
     }
 
@@ -236,29 +347,45 @@ impl Models {
         let entries = self.lock().entries.clone();
         let line = |e: &Entry| {
             json!({
-                "id": e.id, "name": e.name, "bytes": e.bytes.len(), "file": e.file_name(), "objects": e.objects,
+                "id": e.id, "name": e.name, "bytes": e.length, "file": e.file_name(), "objects": e.objects,
             })
         };
         entries.iter().map(line).collect()
     }
 }
 
+/// The size of all models together in bytes.
+fn size(entries: &[Entry]) -> usize {
+    entries.iter().map(|e| e.length).sum()
+}
+
+/// Merges models. One that cannot be read any more is left out and logged.
 fn merge_all(entries: &[Entry]) -> Result<Option<Arc<Vec<u8>>>> {
-    Ok(match entries {
-        [] => None,
-        [one] => Some(Arc::clone(&one.bytes)),
-        several => {
-            let all: Vec<&[u8]> = several.iter().map(|e| e.bytes.as_slice()).collect();
-            Some(Arc::new(merge(&all).context("the models do not go together")?))
+    if let [Entry { place: Place::Memory(bytes), .. }] = entries {
+        return Ok(Some(Arc::clone(bytes)));
+    }
+    // One piece of memory goes back to the system when it is freed; many small ones may not.
+    let mut bytes = vec![0; size(entries)];
+    let (mut rest, mut all) = (bytes.as_mut_slice(), Vec::new());
+    for entry in entries {
+        let (own, others) = rest.split_at_mut(entry.length);
+        rest = others;
+        let read = entry.read_into(0, own).map_err(anyhow::Error::from);
+        match read.and_then(|()| Ok(Model::parse(own).map(|_| ())?)) {
+            Ok(()) => all.push(&*own),
+            Err(error) => tracing::error!("left out: {} cannot be read any more: {error:#}", entry.name),
         }
+    }
+    Ok(match all.as_slice() {
+        [] => None,
+        [one] => Some(Arc::new(one.to_vec())),
+        several => Some(Arc::new(merge(several).context("the models do not go together")?)),
     })
 }
 
 #[allow(clippy::cast_possible_truncation, reason = "noise")]
 #[cfg(test)]
 mod tests {
-    use std::fs;
-
     use super::*;
     use crate::input::{Picture, Pixels};
     use crate::learn::{Preset, train_within};
@@ -307,5 +434,41 @@ mod tests {
         models.remove(3).expect("removes").expect("it was there");
         let merged = models.merged().bytes.expect("merged");
         assert_eq!((models.generation(), Model::parse(&merged).expect("parses").objects()), (2, 7));
+    }
+
+    #[test]
+    fn models_are_merged_again_when_their_files_are_gone() {
+        let (folder, model) = (Folder::new("files-gone"), model());
+        let paths: Vec<_> = (0..3).map(|i| folder.0.join(format!("{i}.kgm"))).collect();
+        paths.iter().for_each(|path| fs::write(path, &model).expect("writes"));
+        let models = Models::load(&paths, None).expect("loads");
+        assert!(models.lock().entries.iter().all(|e| matches!(e.place, Place::File(_))));
+        paths[1..].iter().for_each(|path| fs::remove_file(path).expect("removes"));
+        // One file is no model any more.
+        fs::write(&paths[0], vec![0; model.len()]).expect("writes");
+        models.add("noise", model.clone()).expect("goes with the others");
+        let merged = models.merged().bytes.expect("merged");
+        assert_eq!((models.count(), Model::parse(&merged).expect("parses").objects()), (4, 3));
+        assert_eq!(models.get(2).expect("there").read().expect("reads"), model);
+    }
+
+    #[test]
+    fn the_search_waits_for_a_merge_that_its_model_was_given_up_for() {
+        let (models, model) = (Models::load(&[], None).expect("nothing to fail"), model());
+        models.add("noise", model.clone()).and_then(|_| models.add("noise", model)).expect("goes together");
+        let held = models.merged();
+        thread::scope(|scope| {
+            let giving = scope.spawn(|| models.give_up());
+            while models.are(&held) {
+                thread::sleep(Duration::from_millis(1));
+            }
+            assert!(!giving.is_finished(), "it waits until the model is given back");
+            drop(held);
+            giving.join().expect("no panic");
+            let search = scope.spawn(|| models.merged());
+            models.remove(1).expect("removes").expect("it was there");
+            let merged = search.join().expect("no panic").bytes.expect("merged");
+            assert_eq!(Model::parse(&merged).expect("parses").objects(), 1);
+        });
     }
 }

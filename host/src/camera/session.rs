@@ -5,14 +5,12 @@
 //!
 //! Memory and cost: those of the threads.
 
-use std::io;
 use std::net::{SocketAddr, TcpListener};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::Duration;
 
 use anyhow::{Context, Result};
-use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::watch;
 
 use super::arguments::Origin;
@@ -22,6 +20,7 @@ use super::guard::{self, Guard};
 use super::live::{Live, paint};
 use super::mqtt::{self, Outlet};
 use super::replay::replay;
+use super::signals;
 use super::web::{self, School};
 
 /// The page: its address, its token, and how objects are learned on it.
@@ -37,9 +36,6 @@ pub struct Page {
     pub school: School,
 }
 
-/// Maximum time from a signal to the end of the program. After it, what still runs is given
-/// up: a search, a training, a line that nobody reads.
-const LONGEST_END: Duration = Duration::from_millis(1700);
 /// Maximum number of threads that train, merge, and look up the broker's name.
 const WORKERS: usize = 4;
 /// Maximum time at the end for trainings and merges.
@@ -60,7 +56,8 @@ impl Session {
     /// time after a signal.
     ///
     /// # Errors
-    /// When the token is too short, or the page's address cannot be bound.
+    /// When the token is too short, the page's address cannot be bound, or the system gives no
+    /// thread.
     pub fn start(
         origin: &Origin,
         live: &Arc<Live>,
@@ -69,7 +66,9 @@ impl Session {
         overdue: i32,
     ) -> Result<Self> {
         let (stop, stopped) = watch::channel(false);
-        let network = serve(page, live, outlet, overdue, stopped)?;
+        // Before the page can be reached: from then on, a signal must end the program cleanly.
+        signals::watch(Arc::clone(live), overdue).context("signals cannot be waited for")?;
+        let network = serve(page, live, outlet, stopped)?;
         let failure = Arc::new(Mutex::new(None));
         thread::Builder::new().name("source".into()).spawn({
             let (live, failure, origin) = (Arc::clone(live), Arc::clone(&failure), origin.clone());
@@ -157,24 +156,17 @@ fn capture(_: &Origin, _: &Live) -> Result<()> {
     anyhow::bail!(NO_CAMERA)
 }
 
-/// Starts the thread that waits for signals, serves the page and talks to the broker.
+/// Starts the thread that serves the page and talks to the broker.
 fn serve(
     page: Option<Page>,
     live: &Arc<Live>,
     outlet: Option<Outlet>,
-    overdue: i32,
     mut stopped: watch::Receiver<bool>,
 ) -> Result<thread::JoinHandle<()>> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().max_blocking_threads(WORKERS).build()?;
-    // Before the page can be reached: from then on, a signal must end the program cleanly.
-    let signals = {
-        let _inside = runtime.enter();
-        signal(SignalKind::interrupt()).and_then(|i| Ok((i, signal(SignalKind::terminate())?)))
-    };
     let page = page.map(listen).transpose()?;
     let live = Arc::clone(live);
     let served = async move {
-        tokio::spawn(close_on_signal(signals, Arc::clone(&live), overdue));
         let publishing = outlet.map(|outlet| tokio::spawn(mqtt::publish(outlet, stopped.clone())));
         if let Some((listener, guard, school)) = page
             && let Err(error) = web::serve(listener, guard, school, live, stopped.clone()).await
@@ -211,24 +203,4 @@ fn listen(page: Page) -> Result<(TcpListener, Guard, School)> {
     let shown = if given { Some("TOKEN") } else { token.as_deref() };
     tracing::info!("the page is at {}", web::url(listener.local_addr()?, shown));
     Ok((listener, Guard::new(token, page.public), page.school))
-}
-
-/// Waits for signals. The first ends the source, and with it all threads, within
-/// [`LONGEST_END`]; the second ends the program at once.
-async fn close_on_signal(signals: io::Result<(Signal, Signal)>, live: Arc<Live>, overdue: i32) {
-    let Ok((mut interrupt, mut terminate)) = signals else {
-        return tracing::warn!("signals cannot be waited for: they end the program at once");
-    };
-    for last in [false, true] {
-        tokio::select! { _ = interrupt.recv() => {}, _ = terminate.recv() => {} }
-        if last {
-            std::process::exit(130);
-        }
-        live.frames.close();
-        thread::spawn(move || {
-            thread::sleep(LONGEST_END);
-            std::process::exit(overdue);
-        });
-        tracing::info!("ending");
-    }
 }

@@ -7,6 +7,7 @@
 //! Memory: one item. Cost: a lock.
 
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
 
 /// Holds the newest item.
 #[derive(Debug)]
@@ -20,6 +21,17 @@ struct Content<T> {
     item: Option<T>,
     dropped: u64,
     closed: bool,
+}
+
+/// What [`Slot::take_within`] finds.
+#[derive(Debug, PartialEq, Eq)]
+pub enum Taken<T> {
+    /// An item.
+    Item(T),
+    /// No item yet.
+    Nothing,
+    /// No item, and there will be none: the slot is closed.
+    Closed,
 }
 
 impl<T> Default for Slot<T> {
@@ -61,6 +73,18 @@ impl<T> Slot<T> {
         content.item.take()
     }
 
+    /// Waits for an item, `time` at most, and takes it.
+    pub fn take_within(&self, time: Duration) -> Taken<T> {
+        let waiting = |content: &mut Content<T>| content.item.is_none() && !content.closed;
+        let waited = self.changed.wait_timeout_while(self.lock(), time, waiting);
+        let mut content = waited.unwrap_or_else(PoisonError::into_inner).0;
+        match content.item.take() {
+            Some(item) => Taken::Item(item),
+            None if content.closed => Taken::Closed,
+            None => Taken::Nothing,
+        }
+    }
+
     /// Closes the slot: it takes no more items, and threads that wait go on.
     pub fn close(&self) {
         self.lock().closed = true;
@@ -91,6 +115,18 @@ mod tests {
         assert_eq!((slot.take(), slot.dropped()), (Some(3), 2));
         slot.count_dropped(4);
         assert_eq!(slot.dropped(), 6);
+    }
+
+    #[test]
+    fn the_taker_goes_on_when_nothing_comes() {
+        let slot = Slot::default();
+        let take = || slot.take_within(Duration::from_millis(1));
+        assert_eq!(take(), Taken::Nothing);
+        assert!(slot.put(1));
+        assert_eq!(take(), Taken::Item(1));
+        assert!(slot.put(2));
+        slot.close();
+        assert_eq!([take(), take()], [Taken::Item(2), Taken::Closed]);
     }
 
     #[test]

@@ -44,7 +44,7 @@ use super::attempts::Attempts;
 use super::cutout::parse_outline;
 use super::guard::{Action, Guard, Refusal, token_in};
 use super::intake::{Intake, Problem, Upload, discard};
-use super::lesson::{Errand, Plan, learn};
+use super::lesson::{Errand, Learned, Plan, learn};
 use super::live::{Live, thousandths};
 use super::server::{self, Visit};
 use super::tally::Others;
@@ -64,6 +64,9 @@ const ATTENTION: Duration = Duration::from_secs(7);
 /// Maximum number of pixels of a picture to learn from. A picture that is decoded takes up
 /// to 9 bytes a pixel.
 const MOST_PIXELS: u64 = 12_000_000;
+
+/// Size of a piece of a model that is sent, bytes.
+const PIECE: usize = 64 << 10;
 
 #[derive(Clone)]
 struct Web {
@@ -287,7 +290,26 @@ async fn apart<T: Send + 'static>(work: impl FnOnce() -> Result<T> + Send + 'sta
 
 async fn give_model(State(web): State<Web>, Path(id): Path<u64>) -> Result<impl IntoResponse, Problem> {
     let entry = web.live.models.get(id).ok_or_else(gone)?;
-    Ok(([(header::CONTENT_TYPE, "application/octet-stream")], entry.bytes.to_vec()))
+    let headers = [
+        (header::CONTENT_TYPE, "application/octet-stream".to_string()),
+        (header::CONTENT_LENGTH, entry.length.to_string()),
+    ];
+    // In pieces: whole models, one for each client, would take much memory.
+    let pieces = unfold((entry, 0), |(entry, start)| async move {
+        let length = PIECE.min(entry.length - start);
+        if length == 0 {
+            return None;
+        }
+        let (entry, piece) = tokio::task::spawn_blocking(move || {
+            let mut piece = vec![0; length];
+            let read = entry.read_into(start, &mut piece);
+            (entry, read.map(|()| piece))
+        })
+        .await
+        .ok()?;
+        Some((piece, (entry, start + length)))
+    });
+    Ok((headers, Body::from_stream(pieces)))
 }
 
 async fn remove_model(State(web): State<Web>, Path(id): Path<u64>) -> Result<StatusCode, Problem> {
@@ -339,9 +361,12 @@ async fn learn_object(
 /// into the models in use.
 fn learn_from(web: &Web, lesson: &Lesson, upload: Upload) -> Result<serde_json::Value> {
     let outline = parse_outline(&lesson.corners)?;
+    let alone = web.live.models.without_merges();
     let frame = decode_jpeg(&upload.bytes, MOST_PIXELS)?;
     drop(upload);
     let learned = learn(&frame, &outline, &lesson.name, &web.school.plan)?;
+    // The model is merged next, which needs the memory.
+    drop((frame, alone));
     let (keygraphs, found) = (learned.trained.keygraphs.kept, learned.found);
     tracing::info!("{} learned: {keygraphs} keygraphs", learned.name);
     let Some(errand) = &web.school.errand else {
@@ -349,7 +374,9 @@ fn learn_from(web: &Web, lesson: &Lesson, upload: Upload) -> Result<serde_json::
         if let Some(warning) = advice::warning(&learned.picture, &learned.trained) {
             tracing::warn!("the picture of {} {warning}", learned.name);
         }
-        let added = web.live.models.add(&learned.name, learned.model)?;
+        let Learned { name, model, picture, .. } = learned;
+        drop(picture);
+        let added = web.live.models.add(&name, model)?;
         return Ok(json!({"id": added.id, "file": added.file_name(), "keygraphs": keygraphs, "found": found}));
     };
     errand.hand_over(learned)?;

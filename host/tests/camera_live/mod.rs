@@ -8,8 +8,9 @@
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::process::{Child, ChildStderr, ChildStdout, Command, ExitStatus, Stdio};
-use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, channel};
+use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -28,16 +29,27 @@ pub struct Live {
     /// Lines of the log that were read so far.
     pub logged: Vec<String>,
     out: Option<ChildStdout>,
+    /// Whether the log is read no more.
+    deaf: Arc<AtomicBool>,
     /// Host and port of the page.
     pub place: String,
     /// Token of the page.
     pub token: Option<String>,
 }
 
-/// Sends the lines of a stream as they arrive.
-fn lines(stream: ChildStderr) -> Receiver<String> {
+/// Sends the lines of a stream as they arrive, until `deaf`. Then the stream stays open.
+fn lines(stream: ChildStderr, deaf: Arc<AtomicBool>) -> Receiver<String> {
     let (sender, receiver) = channel();
-    thread::spawn(move || BufReader::new(stream).lines().map_while(Result::ok).try_for_each(|l| sender.send(l)));
+    thread::spawn(move || {
+        let mut lines = BufReader::new(stream).lines().map_while(Result::ok);
+        while let Some(line) = lines.next()
+            && sender.send(line).is_ok()
+        {
+            while deaf.load(Ordering::Relaxed) {
+                thread::park();
+            }
+        }
+    });
     receiver
 }
 
@@ -57,9 +69,10 @@ impl Live {
             .stderr(Stdio::piped())
             .spawn()
             .unwrap();
-        let log = Mutex::new(lines(child.stderr.take().unwrap()));
+        let deaf = Arc::new(AtomicBool::new(false));
+        let log = Mutex::new(lines(child.stderr.take().unwrap(), Arc::clone(&deaf)));
         let out = child.stdout.take();
-        let mut live = Self { child, log, logged: Vec::new(), out, place: String::new(), token: None };
+        let mut live = Self { child, log, logged: Vec::new(), out, deaf, place: String::new(), token: None };
         if arguments.contains(&"--web") {
             let line = live.wait_for("the page is at http://");
             let url = line.split("http://").nth(1).unwrap().trim();
@@ -82,6 +95,27 @@ impl Live {
             if line.contains(words) {
                 return line;
             }
+        }
+    }
+
+    /// Reads the log no more, and fills its pipe: who writes a line to it waits for ever.
+    pub fn stop_reading_the_log(&self) {
+        self.deaf.store(true, Ordering::Relaxed);
+        let mut pipe = std::fs::File::options().write(true).open(format!("/proc/{}/fd/2", self.id())).unwrap();
+        let written = Arc::new(AtomicUsize::new(0));
+        thread::spawn({
+            let written = Arc::clone(&written);
+            move || {
+                // Whole pages, so that no room is left in one.
+                let line = [&[b'.'; 4095][..], b"\n"].concat();
+                while pipe.write_all(&line).is_ok() {
+                    written.fetch_add(1, Ordering::Relaxed);
+                }
+            }
+        });
+        let mut before = usize::MAX;
+        while std::mem::replace(&mut before, written.load(Ordering::Relaxed)) != before || before == 0 {
+            thread::sleep(Duration::from_millis(200));
         }
     }
 

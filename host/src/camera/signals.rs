@@ -1,0 +1,81 @@
+//! SIGINT and SIGTERM, in a thread of their own.
+//!
+//! In: signals. Out: the source of frames is closed, and with it all threads end. Whatever
+//! they do, the program ends: after `LONGEST_END`, or at a second signal, this thread ends it.
+//! Nothing that this thread does can wait for ever: it writes no log and takes no lock. So a
+//! log that nobody reads, a disk that hangs and a thread that is stuck do not delay the end.
+//!
+//! Memory: a thread. Cost: none until a signal arrives.
+
+use std::io;
+use std::sync::Arc;
+use std::sync::mpsc::channel;
+use std::thread;
+use std::time::Duration;
+
+use tokio::runtime::{Builder, Runtime};
+use tokio::signal::unix::{Signal, SignalKind, signal};
+
+use super::live::Live;
+use crate::output::remove_drafts;
+
+/// Maximum time from a signal to the end of the program. After it, what still runs is given
+/// up: a search, a training, a line that nobody reads. Half a second is left of two for a machine
+/// that is busy.
+const LONGEST_END: Duration = Duration::from_millis(1500);
+/// Maximum time for the removal of unfinished files.
+const TIDYING: Duration = Duration::from_millis(100);
+/// Exit status of the program after a second signal.
+const INTERRUPTED: i32 = 130;
+
+/// Starts the thread. From now on, signals no longer end the program at once. `overdue` is the
+/// exit status of the program when it does not end in time.
+///
+/// # Errors
+/// When the system gives no thread, or signals cannot be waited for.
+pub fn watch(live: Arc<Live>, overdue: i32) -> io::Result<()> {
+    // A runtime of its own: no request and no message is ahead of a signal.
+    let runtime = Builder::new_current_thread().enable_io().enable_time().build()?;
+    let signals = {
+        let _inside = runtime.enter();
+        Signals { interrupt: signal(SignalKind::interrupt())?, terminate: signal(SignalKind::terminate())? }
+    };
+    thread::Builder::new().name("signals".into()).spawn(move || end_on_signal(&runtime, signals, live, overdue))?;
+    Ok(())
+}
+
+/// The signals that end the program.
+struct Signals {
+    interrupt: Signal,
+    terminate: Signal,
+}
+
+impl Signals {
+    async fn next(&mut self) {
+        tokio::select! { _ = self.interrupt.recv() => {}, _ = self.terminate.recv() => {} }
+    }
+}
+
+fn end_on_signal(runtime: &Runtime, mut signals: Signals, live: Arc<Live>, overdue: i32) {
+    runtime.block_on(signals.next());
+    let closing = thread::Builder::new().name("closing".into()).spawn({
+        let live = Arc::clone(&live);
+        move || {
+            live.frames.close();
+            tracing::info!("ending");
+        }
+    });
+    if closing.is_err() {
+        live.frames.close();
+    }
+    let again = runtime.block_on(async { tokio::time::timeout(LONGEST_END, signals.next()).await.is_ok() });
+    let (done, end) = channel::<()>();
+    let tidying = thread::Builder::new().name("tidying".into()).spawn(move || {
+        let _done = done;
+        remove_drafts();
+    });
+    if tidying.is_ok() {
+        let _ = end.recv_timeout(TIDYING);
+    }
+    std::process::exit(if again { INTERRUPTED } else { overdue });
+}
