@@ -53,8 +53,8 @@ pub struct Appearance {
 }
 
 impl Appearance {
-    /// Share of the whole object that is seen and agrees, 0 to 1: what lies outside the frame counts
-    /// as not seen.
+    /// Share of the object that is seen and agrees, 0 to 1. What lies outside the frame counts as not
+    /// seen, unless so little lies inside that this part alone is looked at.
     #[must_use]
     pub fn share(&self) -> f32 {
         self.visible * f32::from(self.inside) / (BLOCKS * BLOCKS) as f32

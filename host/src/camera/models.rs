@@ -255,17 +255,13 @@ impl Models {
         }
         let merged = merge_all(&entries);
         let mut content = self.lock();
-        match merged {
-            Ok(merged) => {
-                content.merged = merged;
-                content.merged_changes = changes;
-                content.given_up = false;
-                self.generation.fetch_add(1, Ordering::Release);
-                self.ready.notify_all();
-                Ok(())
-            }
-            Err(error) => Err(error),
-        }
+        // The search goes on also when there is no merged model.
+        content.given_up = false;
+        self.ready.notify_all();
+        content.merged = merged?;
+        content.merged_changes = changes;
+        self.generation.fetch_add(1, Ordering::Release);
+        Ok(())
     }
 
     /// Takes the merged model away from the search, which waits from now on for the next one.
