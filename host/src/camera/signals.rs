@@ -22,9 +22,9 @@ use crate::output::remove_drafts;
 /// Maximum time from a signal to the end of the program. After it, what still runs is given
 /// up: a search, a training, a line that nobody reads. Half a second is left of two for a machine
 /// that is busy.
-const LONGEST_END: Duration = Duration::from_millis(1500);
-/// Maximum time for the removal of unfinished files.
-const TIDYING: Duration = Duration::from_millis(100);
+const LONGEST_END: Duration = Duration::from_millis(1300);
+/// Maximum time that this thread waits for work that another thread does for it.
+const PATIENCE: Duration = Duration::from_millis(100);
 /// Exit status of the program after a second signal.
 const INTERRUPTED: i32 = 130;
 
@@ -58,24 +58,27 @@ impl Signals {
 
 fn end_on_signal(runtime: &Runtime, mut signals: Signals, live: Arc<Live>, overdue: i32) {
     runtime.block_on(signals.next());
-    let closing = thread::Builder::new().name("closing".into()).spawn({
-        let live = Arc::clone(&live);
-        move || {
-            live.frames.close();
-            tracing::info!("ending");
-        }
-    });
-    if closing.is_err() {
+    // Before the source is closed: after that, the program may end at any time.
+    within_patience("ending", || tracing::info!("ending"));
+    let frames = Arc::clone(&live);
+    if !within_patience("closing", move || frames.frames.close()) {
         live.frames.close();
     }
     let again = runtime.block_on(async { tokio::time::timeout(LONGEST_END, signals.next()).await.is_ok() });
-    let (done, end) = channel::<()>();
-    let tidying = thread::Builder::new().name("tidying".into()).spawn(move || {
-        let _done = done;
-        remove_drafts();
-    });
-    if tidying.is_ok() {
-        let _ = end.recv_timeout(TIDYING);
-    }
+    within_patience("tidying", remove_drafts);
     std::process::exit(if again { INTERRUPTED } else { overdue });
+}
+
+/// Works in a thread of its own, and waits for it for [`PATIENCE`]. Returns false when the system
+/// gives no thread: then nothing was done.
+fn within_patience(name: &str, work: impl FnOnce() + Send + 'static) -> bool {
+    let (done, end) = channel::<()>();
+    let thread = thread::Builder::new().name(name.into()).spawn(move || {
+        let _done = done;
+        work();
+    });
+    if thread.is_ok() {
+        let _ = end.recv_timeout(PATIENCE);
+    }
+    thread.is_ok()
 }
