@@ -121,6 +121,7 @@ pub use detect::detector::{
     DEFAULT_THRESHOLD, Detector, HdDetector, Ongoing, QqvgaDetector, QvgaDetector, VgaDetector,
 };
 pub use detect::observer::{Observer, Output, Stats};
+pub use detect::plan::Depth;
 
 // Tracking, and poses in space.
 pub use follow::instance::{State, Track};

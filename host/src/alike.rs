@@ -10,7 +10,7 @@ use anyhow::Result;
 use image::imageops::{FilterType, resize};
 use image::{Rgb, RgbImage, imageops};
 use keygraph_core::stages::frame::NO_CHROMA;
-use keygraph_core::{Detection, Model, Object};
+use keygraph_core::{Depth, Detection, Model, Object};
 
 use crate::canvas::Canvas;
 use crate::picture::{Picture, Pixels};
@@ -78,7 +78,7 @@ fn colour(luma: u8, [along, across]: [i8; 2]) -> [u8; 3] {
 /// # Errors
 /// When the picture is too small to be searched.
 pub fn alike(object: &Object<'_>, model: &Model<'_>) -> Result<Vec<Alike>> {
-    let request = Request { all_names: true, thorough: true, ..Request::new(Profile::Vga, LIKELY) };
+    let request = Request { all_names: true, depth: Depth::Thorough, ..Request::new(Profile::Vga, LIKELY) };
     let found = search_for(&copy_of(object), model, &request, 0)?;
     let mut alike: Vec<Alike> = Vec::new();
     for detection in found.detections {

@@ -13,8 +13,8 @@ use anyhow::{Context, Result};
 use keygraph_core::stages::digest::Digests;
 use keygraph_core::stages::shrink::shrink;
 use keygraph_core::{
-    Buffer, Detection, Detector, Frame, FrameError, HdDetector, Homography, Model, Observer, Output, PixelFormat,
-    QqvgaDetector, QvgaDetector, Room, State, Stats, Track, Tracker, VgaDetector,
+    Buffer, Depth, Detection, Detector, Frame, FrameError, HdDetector, Homography, Model, Observer, Output,
+    PixelFormat, QqvgaDetector, QvgaDetector, Room, State, Stats, Track, Tracker, VgaDetector,
 };
 
 use crate::input::{Picture, Pixels};
@@ -219,9 +219,8 @@ pub struct Request {
     /// The format of a sensor to which pixels are converted; `None` takes them as they were
     /// decoded.
     pub format: Option<PixelFormat>,
-    /// Whether to search all of each frame for all of the model. The core's
-    /// `Detector::set_thorough` says what this costs.
-    pub thorough: bool,
+    /// How much of each frame is searched, and for how much of the model.
+    pub depth: Depth,
     /// Whether to report digests. Frames of a sequence have none.
     pub digests: bool,
 }
@@ -263,7 +262,7 @@ impl Request {
             all_names: false,
             details: false,
             format: None,
-            thorough: false,
+            depth: Depth::Usual,
             digests: false,
         }
     }
@@ -274,6 +273,13 @@ struct Watch {
     start: Instant,
     budget: Option<Duration>,
     digests: Option<Digests>,
+}
+
+impl Watch {
+    /// An observer that starts now, without digests.
+    fn new(request: &Request) -> Self {
+        Self { start: Instant::now(), budget: request.budget, digests: None }
+    }
 }
 
 impl Observer for Watch {
@@ -311,9 +317,8 @@ fn search_frame(
     model: &Model<'_>,
     request: &Request,
 ) -> Result<Found, FrameError> {
-    let mut watch =
-        Watch { start: Instant::now(), budget: request.budget, digests: request.digests.then(Digests::new) };
-    detector.set_thorough(request.thorough);
+    let mut watch = Watch { digests: request.digests.then(Digests::new), ..Watch::new(request) };
+    detector.set_depth(request.depth);
     detector.set_min_visible(request.min_visible);
     let mut detections = detector.detect(frame, model, request.threshold, &mut watch)?.to_vec();
     if request.all_names {
@@ -323,9 +328,25 @@ fn search_frame(
     let found = Found { rivals: rivals_of(detector, &detections), ..Found::new(detections, *detector.stats()) };
     let mut found = Found { digests: watch.digests, high_water: *detector.high_water(), ..found };
     if request.details {
+        show_all_of(detector, frame, model, request)?;
         found.add_details(detector, model);
     }
     Ok(found)
+}
+
+/// After a search in tiles, searches the frame once more as a whole: the corners and triangles of the
+/// detector are then those of the whole frame.
+fn show_all_of(
+    detector: &mut AnyDetector,
+    frame: &Frame<'_>,
+    model: &Model<'_>,
+    request: &Request,
+) -> Result<(), FrameError> {
+    if detector.stats().tiles > 0 {
+        detector.set_depth(Depth::Once);
+        detector.detect(frame, model, request.threshold, &mut Watch::new(request))?;
+    }
+    Ok(())
 }
 
 /// The objects that lost the place of each detection, and their scores.
@@ -341,8 +362,8 @@ fn follow_frame(
     model: &Model<'_>,
     request: &Request,
 ) -> Result<Found, FrameError> {
-    let mut watch = Watch { start: Instant::now(), budget: request.budget, digests: None };
-    detector.set_thorough(request.thorough);
+    let mut watch = Watch::new(request);
+    detector.set_depth(request.depth);
     detector.set_min_visible(request.min_visible);
     let tracks = tracker.track(detector, frame, model, request.threshold, &mut watch)?;
     let (lost, seen): (Vec<Track>, Vec<Track>) = tracks.iter().partition(|t| t.state == State::Lost);
@@ -351,6 +372,7 @@ fn follow_frame(
         found.rivals = rivals_of(detector, &found.detections);
     }
     if request.details {
+        show_all_of(detector, frame, model, request)?;
         found.add_details(detector, model);
     }
     let seen = seen.iter().map(|t| (t.id, t.state)).collect();

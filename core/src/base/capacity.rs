@@ -217,7 +217,7 @@ pub const fn chroma_bytes(pixels: usize) -> usize {
 pub const CANDIDATES: usize = 24;
 
 /// Maximum number of detections that are reported in one frame.
-pub const DETECTIONS: usize = 32;
+pub const DETECTIONS: usize = 64;
 
 /// Longer side of the appearance template of an object, px.
 pub const TEMPLATE_SIDE: usize = 96;

@@ -32,6 +32,11 @@ impl Point {
         [f32::from(self.x) / 16.0, f32::from(self.y) / 16.0]
     }
 
+    /// Returns the point moved by `by`.
+    pub(crate) const fn moved(self, by: Self) -> Self {
+        Self { x: self.x.saturating_add(by.x), y: self.y.saturating_add(by.y) }
+    }
+
     fn minus(self, o: Self) -> (i64, i64) {
         (i64::from(i32::from(self.x) - i32::from(o.x)), i64::from(i32::from(self.y) - i32::from(o.y)))
     }

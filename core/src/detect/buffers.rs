@@ -52,8 +52,8 @@ const fn rest(buffers: usize, rooms: &[Room; Buffer::COUNT]) -> usize {
     }
     rest
 }
-const _: () = assert!(rest(size_of::<Qqvga>(), &Qqvga::ROOMS) < 5 << 10, "the rest of a detector exceeds 5 KB");
-const _: () = assert!(rest(size_of::<Hd>(), &Hd::ROOMS) < 5 << 10, "the rest of a detector exceeds 5 KB");
+const _: () = assert!(rest(size_of::<Qqvga>(), &Qqvga::ROOMS) < 9 << 10, "the rest of a detector exceeds 9 KB");
+const _: () = assert!(rest(size_of::<Hd>(), &Hd::ROOMS) < 9 << 10, "the rest of a detector exceeds 9 KB");
 
 /// Size of the largest frame that fits a profile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -117,7 +117,7 @@ impl<
     pub const LIMITS: Limits = Limits { side: SIDE, pixels: pixels_of(LUMA) };
 
     /// Bytes and capacity of each buffer, in the order of [`Buffer::ALL`]. The rest of a detector
-    /// is under 5 KB.
+    /// is under 9 KB.
     pub const ROOMS: [Room; Buffer::COUNT] = [
         Room { bytes: LUMA, capacity: LUMA },
         Room { bytes: 2 * CHROMA, capacity: 2 * CHROMA },

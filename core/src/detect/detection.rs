@@ -41,6 +41,11 @@ pub struct Detection {
 /// Detections in a frame, best score first.
 pub(crate) type Detections = Vec<Detection, DETECTIONS>;
 
+/// Whether a place lies in the outline of a detection, frame px.
+pub(crate) fn is_inside(detections: &[Detection], at: [f32; 2]) -> bool {
+    detections.iter().any(|d| contains(&d.corners, at))
+}
+
 impl Detection {
     /// Creates a detection without evidence: score, votes and appearance are zero. `width` and
     /// `height` are the size of the object's picture, px. Programs that use detections can make

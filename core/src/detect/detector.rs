@@ -14,7 +14,7 @@ use crate::detect::detection::Detection;
 use crate::detect::evidence::Agreement;
 use crate::detect::finder::{Corners, Finder};
 use crate::detect::observer::{Laps, Observer, Output, Stats, Tally, passed};
-use crate::detect::plan::{Plan, Scope, Wish};
+use crate::detect::plan::{Depth, Plan, Scope, Wish};
 use crate::detect::scene::{Context, Scene, span, vertices};
 use crate::detect::search::{Place, Search};
 use crate::extract::corners::SCRATCH_ROWS;
@@ -31,7 +31,7 @@ pub const DEFAULT_THRESHOLD: f32 = 0.8;
 /// reference.
 #[derive(Debug)]
 pub struct Detector<P: Profile + ?Sized> {
-    thorough: bool,
+    depth: Depth,
     visible: f32,
     buffers: P,
 }
@@ -58,26 +58,20 @@ impl<
     /// Creates an idle detector; all its bytes are zero.
     #[must_use]
     pub const fn new() -> Self {
-        Self { thorough: false, visible: 0.0, buffers: Buffers::new() }
+        Self { depth: Depth::Usual, visible: 0.0, buffers: Buffers::new() }
     }
 }
 
 impl<P: Profile + Default> Default for Detector<P> {
     fn default() -> Self {
-        Self { thorough: false, visible: 0.0, buffers: P::default() }
+        Self { depth: Depth::Usual, visible: 0.0, buffers: P::default() }
     }
 }
 
 impl<P: Profile + ?Sized> Detector<P> {
-    /// Sets whether to search all of a frame for all of a model.
-    ///
-    /// Without this, the search stops when nothing is in doubt. That takes a fifth of the time for
-    /// an object that is seen plainly. In a model of many objects, each object is searched for only
-    /// by its most likely keygraphs. With more than 16 objects, the search goes on after the first
-    /// detection only while a heavy candidate speaks for another instance. A copy of an object
-    /// under half the size of a large copy beside it may be missed.
-    pub const fn set_thorough(&mut self, thorough: bool) {
-        self.thorough = thorough;
+    /// Sets how much of a frame is searched, and for how much of a model.
+    pub const fn set_depth(&mut self, depth: Depth) {
+        self.depth = depth;
     }
 
     /// Sets the minimum share of an object that must be seen, 0 to 1: [`Appearance::visible`]. 0, the
@@ -140,7 +134,7 @@ impl<P: Profile + ?Sized> Detector<P> {
     }
 
     fn plan(&self, model: &Model<'_>, threshold: f32) -> Plan {
-        let wish = Wish { threshold, visible: self.visible, thorough: self.thorough };
+        let wish = Wish { threshold, visible: self.visible, depth: self.depth };
         Plan::new(Scope::from(model), model.method().parameters(), wish)
     }
 
@@ -237,19 +231,21 @@ impl<P: Profile + ?Sized> Detector<P> {
         &self.buffers.show().tally.high_water
     }
 
-    /// Corners of the last frame, frame px.
+    /// Corners of the last frame, frame px. After a search in tiles, those of the last tile.
     pub fn corners(&self) -> impl Iterator<Item = [f32; 2]> + '_ {
         let s = self.buffers.show();
         (0..LEVELS).flat_map(move |l| s.points[span(s.spans, l)].iter().map(move |&p| to_level0(p, l)))
     }
 
-    /// Triangles of the last frame that are keygraphs, frame px.
+    /// Triangles of the last frame that are keygraphs, frame px. After a search in tiles, those of the
+    /// last tile.
     pub fn keygraphs(&self) -> impl Iterator<Item = [[f32; 2]; 3]> + '_ {
         let s = self.buffers.show();
         s.keygraphs.iter().map(move |k| vertices(s.points, k).map(|(_, p)| p))
     }
 
-    /// Triangles of the last frame that agree with a detection, frame px.
+    /// Triangles of the last frame that agree with a detection, frame px. After a search in tiles, those
+    /// of the last tile.
     pub fn supporters<'a>(
         &'a self,
         model: &'a Model<'_>,
@@ -377,7 +373,9 @@ fn advance(
         Some(other) => other,
         None => &mut ours,
     };
-    let scene = Scene { pyramid: pyramid.into_view(), points, spans, keygraphs, features, corners, triples };
+    let pyramid = pyramid.into_view();
+    let tile = place.tile(&pyramid);
+    let scene = Scene { pyramid, tile, points, spans, keygraphs, features, corners, triples };
     let context = Context { model, finder, tally, laps };
     let mut search = Search { context, scene, votes, bins, pairs, findings };
     while search.advance(plan, place) {

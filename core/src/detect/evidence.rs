@@ -9,7 +9,7 @@
 
 use heapless::VecView;
 
-use crate::base::capacity::{DETECTIONS, LEVELS, id};
+use crate::base::capacity::{LEVELS, id};
 use crate::base::geometry::{Homography, area, contains};
 use crate::base::math;
 use crate::base::pace::Pace;
@@ -160,10 +160,9 @@ pub(crate) fn settle(
     model: &Model<'_>,
     pace: &mut dyn Pace,
 ) {
-    let found: heapless::Vec<_, DETECTIONS> = detections.iter().map(Agreement::new).collect();
     let at = |v: &Vote| vertices(scene.points, &scene.keygraphs[usize::from(v.frame_keygraph)]).map(|(_, p)| p);
     votes.settle(
-        |v| found.iter().any(|a| a.holds(model, v, at(v))),
+        |v| detections.iter().any(|d| d.object == v.object && Agreement::new(d).holds(model, v, at(v))),
         |v| is_found(detections, v.object, at(v)[0]),
         pace,
     );
@@ -178,6 +177,7 @@ pub(crate) fn is_found(detections: &Detections, object: u16, at: [f32; 2]) -> bo
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::capacity::DETECTIONS;
     use crate::base::pace::Steady;
 
     #[test]
@@ -235,7 +235,7 @@ mod tests {
         assert_eq!(told(found), [(0, 0.99), (1, 0.95), (0, 0.9)], "a worse twin and one below the threshold are out");
         assert!(!accept(found, &at(0, 5.0, 0.97), 0.8, &mut Steady), "it takes the place of its twin");
         assert_eq!(told(found), [(0, 0.99), (0, 0.97), (1, 0.95)]);
-        for i in 0..29 {
+        for i in 0..DETECTIONS - 3 {
             assert!(!accept(found, &at(2, 400.0 + 60.0 * i as f32, 0.9), 0.8, &mut Steady));
         }
         assert!(accept(found, &at(3, 400.0, 0.9), 0.8, &mut Steady), "one too many");

@@ -20,6 +20,7 @@ pub mod belief;
 pub mod observer;
 pub mod finder;
 pub mod plan;
+pub mod tile;
 pub mod scene;
 pub mod evidence;
 pub mod search;

@@ -33,6 +33,25 @@ impl From<&Model<'_>> for Scope {
     }
 }
 
+/// How much of a frame is searched, and for how much of a model.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Depth {
+    /// The search stops when nothing is in doubt. That takes a fifth of the time for an object that is
+    /// seen plainly. Where at least two instances have been found, the frame is searched again in
+    /// nine tiles that overlap, since small objects in a crowd are found only there. In a model of
+    /// many objects, each object is searched for only by its most likely keygraphs. With more than 16
+    /// objects, the search goes on after the first detections while a heavy candidate speaks for
+    /// another instance, or while the detections cover less than a sixth of the frame.
+    #[default]
+    Usual,
+    /// As [`Depth::Usual`], but never in tiles. The time of a search is then bounded by that of a
+    /// frame in which nothing is found. Small objects in a crowd are missed.
+    Once,
+    /// All of the frame is searched for all of the model in every case, and then again in tiles.
+    Thorough,
+}
+
 /// What the caller wishes of a search.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -43,8 +62,8 @@ pub struct Wish {
     ///
     /// [`Appearance::visible`]: crate::Appearance::visible
     pub visible: f32,
-    /// Whether all of the frame is searched for all of the model in every case.
-    pub thorough: bool,
+    /// How much of the frame is searched, and for how much of the model.
+    pub depth: Depth,
 }
 
 /// Pyramid levels of the frame that a step compares.
@@ -66,6 +85,9 @@ pub enum When {
     /// The step is taken while nothing has been found that it looks for, or while a candidate of at
     /// least this weight is open. An open candidate lies where nothing has been found.
     InDoubt(u32),
+    /// The step is taken as with [`When::InDoubt`], and also while the detections cover less than a
+    /// sixth of the frame: more of their size may be shown.
+    InDoubtOrOpen(u32),
 }
 
 /// Time at which votes become supporters of the detections.
@@ -123,7 +145,21 @@ impl Plan {
 
     /// Rules of the lists; `None` when the lists are not searched.
     const fn lists(&self) -> Option<&'static Lists> {
-        if self.scope.lists && !self.wish.thorough { self.rules.lists.as_ref() } else { None }
+        if self.scope.lists && !self.is_thorough() { self.rules.lists.as_ref() } else { None }
+    }
+
+    const fn is_thorough(&self) -> bool {
+        matches!(self.wish.depth, Depth::Thorough)
+    }
+
+    /// Whether the frame is searched again in tiles, when this many instances have been found.
+    #[must_use]
+    pub(crate) const fn wants_tiles(&self, found: usize) -> bool {
+        match (self.wish.depth, self.rules.crowd) {
+            (Depth::Once, _) | (_, None) => false,
+            (Depth::Usual, Some(crowd)) => found >= crowd,
+            (Depth::Thorough, Some(_)) => true,
+        }
     }
 
     /// Minimum share of an object that must be seen.
@@ -173,7 +209,7 @@ impl Plan {
         let last = i + 1 == LISTED.len();
         let bar = if last { self.bar_of_lists(lists) } else { self.first_bar() };
         let always = i == 0 || objects <= lists.few;
-        let when = if always { When::Always } else { When::InDoubt(lists.doubt) };
+        let when = if always { When::Always } else { When::InDoubtOrOpen(lists.doubt) };
         Some(Step { tier, levels, when, matching, decide: Some(bar) })
     }
 
@@ -184,7 +220,7 @@ impl Plan {
         let (tiers, n) = if self.scope.second_tiers { ([first, second], 2) } else { ([first; 2], 1) };
         let levels = *[Levels::Coarse, Levels::Finest].get(i / n)?;
         let last = i + 1 == 2 * n;
-        let thorough = self.wish.thorough;
+        let thorough = self.is_thorough();
         let when = if i == 0 || thorough { When::Always } else { When::InDoubt(self.rules.doubt[i / n]) };
         let decide = match last {
             true => Some(Bar { impression: self.impression(), score: self.wish.threshold, ..Bar::NONE }),
@@ -240,12 +276,12 @@ mod tests {
         (0..).map_while(|i| plan.step(round, i)).map(line).collect()
     }
 
-    fn plan(scope: Scope, thorough: bool) -> Plan {
-        Plan::new(scope, Method::Keygraph.parameters(), Wish { threshold: 0.8, visible: 0.0, thorough })
+    fn plan(scope: Scope, depth: Depth) -> Plan {
+        Plan::new(scope, Method::Keygraph.parameters(), Wish { threshold: 0.8, visible: 0.0, depth })
     }
 
-    const WISH: Wish = Wish { threshold: 0.8, visible: 0.0, thorough: false };
-    const THOROUGH: Wish = Wish { thorough: true, ..WISH };
+    const WISH: Wish = Wish { threshold: 0.8, visible: 0.0, depth: Depth::Usual };
+    const THOROUGH: Wish = Wish { depth: Depth::Thorough, ..WISH };
 
     #[test]
     fn one_object_is_searched_by_more_and_more_while_in_doubt() {
@@ -311,23 +347,32 @@ mod tests {
             table(scope(17), Method::Keygraph, WISH, 0),
             [
                 "Shortlist Coarse Always | 3 16 | 12 0.990 0.800 100 16",
-                "Shortlist Finest InDoubt(20) | 3 16 | 12 0.990 0.800 100 16",
-                "Longlist Coarse InDoubt(20) | 4 16 | 12 0.990 0.800 100 16",
-                "Longlist Finest InDoubt(20) | 4 16 | 8 0.600 0.800 0 0",
+                "Shortlist Finest InDoubtOrOpen(20) | 3 16 | 12 0.990 0.800 100 16",
+                "Longlist Coarse InDoubtOrOpen(20) | 4 16 | 12 0.990 0.800 100 16",
+                "Longlist Finest InDoubtOrOpen(20) | 4 16 | 8 0.600 0.800 0 0",
             ]
         );
         let thousand = table(scope(1000), Method::Keygraph, WISH, 0);
         assert_eq!(thousand[0], "Shortlist Coarse Always | 2 16 | 12 0.990 0.800 100 16");
-        assert_eq!(thousand[3], "Longlist Finest InDoubt(20) | 4 16 | 8 0.984 0.800 0 0");
+        assert_eq!(thousand[3], "Longlist Finest InDoubtOrOpen(20) | 4 16 | 8 0.984 0.800 0 0");
+    }
+
+    #[test]
+    fn a_crowd_is_searched_in_tiles() {
+        let wants = |depth, found| plan(ONE, depth).wants_tiles(found);
+        assert_eq!([0, 1, 2, 9].map(|n| wants(Depth::Usual, n)), [false, false, true, true]);
+        assert_eq!([0, 9].map(|n| wants(Depth::Once, n)), [false; 2]);
+        assert_eq!([0, 9].map(|n| wants(Depth::Thorough, n)), [true; 2]);
+        assert!(!Plan::new(ONE, Method::Paper.parameters(), THOROUGH).wants_tiles(9), "not in the paper");
     }
 
     #[test]
     fn rounds_and_settling_follow_from_the_scope() {
         let scope = |objects, lists| Scope { objects, lists, second_tiers: true };
-        let of = |scope, thorough| (plan(scope, thorough).rounds(), plan(scope, thorough).settle());
-        assert_eq!(of(scope(1, false), false), (1, Settle::Never));
-        assert_eq!(of(scope(5, false), false), (5, Settle::AfterRound));
-        assert_eq!(of(scope(5, true), false), (1, Settle::AfterDecision));
-        assert_eq!(of(scope(5, true), true), (5, Settle::AfterRound), "a thorough search leaves the lists alone");
+        let of = |scope, depth| (plan(scope, depth).rounds(), plan(scope, depth).settle());
+        assert_eq!(of(scope(1, false), Depth::Usual), (1, Settle::Never));
+        assert_eq!(of(scope(5, false), Depth::Usual), (5, Settle::AfterRound));
+        assert_eq!(of(scope(5, true), Depth::Usual), (1, Settle::AfterDecision));
+        assert_eq!(of(scope(5, true), Depth::Thorough), (5, Settle::AfterRound), "a thorough search leaves the lists alone");
     }
 }

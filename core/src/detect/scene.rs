@@ -14,8 +14,10 @@ use heapless::VecView;
 use crate::base::capacity::{Buffer, LEVELS, Stage, StageStats, count, id};
 use crate::base::geometry::Point;
 use crate::base::pace::Pace;
+use crate::detect::detection::{Detections, is_inside};
 use crate::detect::finder::Finder;
 use crate::detect::observer::{Laps, Output, Tally};
+use crate::detect::tile::{Tile, corners_of_tile};
 use crate::extract::corners::Corner;
 use crate::extract::delaunay::Triple;
 use crate::extract::feature::{Feature, extract};
@@ -51,6 +53,8 @@ pub(crate) struct Context<'a, 'o> {
 /// The keypoints and keygraphs of a frame, as far as its levels have been searched.
 pub(crate) struct Scene<'a> {
     pub(crate) pyramid: PyramidView<'a>,
+    /// The part of the frame that is searched; `None` for all of it.
+    pub(crate) tile: Option<Tile>,
     /// Keypoints of all levels, in the order in which the levels were searched.
     pub(crate) points: &'a mut VecView<Point>,
     pub(crate) spans: &'a mut Spans,
@@ -64,10 +68,11 @@ pub(crate) struct Scene<'a> {
 }
 
 impl Scene<'_> {
-    /// Finds the keygraphs of a level.
-    pub(crate) fn find_level(&mut self, level: u8, context: &mut Context<'_, '_>) {
+    /// Finds the keygraphs of a level. In a tile, corners in the outlines of what was `found` are left
+    /// out.
+    pub(crate) fn find_level(&mut self, level: u8, found: &Detections, context: &mut Context<'_, '_>) {
         let level = usize::from(level);
-        self.find_keypoints(level, context);
+        self.find_keypoints(level, found, context);
         context.laps.end(context.tally, Output::Corners(&self.points[span(self.spans, level)]));
         self.find_triples(level, context);
         context.laps.end(context.tally, Output::Triangles(self.triples));
@@ -77,12 +82,21 @@ impl Scene<'_> {
     }
 
     #[inline(never)]
-    fn find_keypoints(&mut self, level: usize, context: &mut Context<'_, '_>) {
+    fn find_keypoints(&mut self, level: usize, found: &Detections, context: &mut Context<'_, '_>) {
         self.corners.clear();
         let (start, tally) = (self.points.len(), &mut *context.tally);
-        let luma = self.pyramid.luma(level);
+        let whole = self.pyramid.luma(level);
+        let (luma, origin) = self.tile.map_or((whole, Point::default()), |t| t.in_level(whole, level));
         if luma.width().min(luma.height()) >= 8 {
             let mut stats = context.finder.keypoints(luma, level, self.corners, context.laps);
+            if self.tile.is_some() {
+                let limit = corners_of_tile(context.model.method().parameters().corner_limits[level]);
+                self.corners.iter_mut().for_each(|c| c.point = c.point.moved(origin));
+                self.corners.retain(|c| !is_inside(found, to_level0(c.point, level)));
+                stats.dropped += count(self.corners.len().saturating_sub(limit));
+                self.corners.truncate(limit);
+                stats.kept = count(self.corners.len());
+            }
             let held = self.corners.capacity().min(stats.seen as usize).max(self.corners.len());
             tally.mark(Buffer::Corners, held);
             tally.mark(Buffer::Triangulation, self.corners.len());
@@ -96,6 +110,14 @@ impl Scene<'_> {
         }
         tally.mark(Buffer::Keypoints, self.points.len());
         self.spans[level] = (id(start), id(self.points.len()));
+    }
+
+    /// Empties the scene, to search another part of the frame.
+    pub(crate) fn turn_to(&mut self, tile: Tile) {
+        self.tile = Some(tile);
+        self.points.clear();
+        self.keygraphs.clear();
+        *self.spans = [(0, 0); LEVELS];
     }
 
     #[inline(never)]

@@ -3,7 +3,8 @@
 //! In: a frame's pyramid, a model, a [`Plan`]. Out: detections, best score first. A step gathers
 //! votes: it compares some keygraphs of the frame with some keygraphs of the model. A decision
 //! turns the open votes into candidates, grows and aligns each, and keeps those with enough
-//! evidence. Settling separates the votes that support a detection from the open ones.
+//! evidence. Settling separates the votes that support a detection from the open ones. In a crowd, the
+//! frame is then searched again tile by tile.
 //!
 //! Memory: borrowed buffers. No stage is inlined, so that the stack holds what one stage needs and
 //! not what all need together. Cost: the sum of the stages. Full: each stage counts what it
@@ -14,7 +15,7 @@ use core::ops::Range;
 use heapless::{Vec, VecView};
 
 use crate::base::capacity::{Buffer, CANDIDATES, LEVELS, Stage, StageStats, count, id};
-use crate::base::geometry::{Homography, Point};
+use crate::base::geometry::{Homography, Point, area};
 use crate::base::math;
 use crate::base::pace::Pace;
 use crate::base::sort::sort_by_key;
@@ -30,6 +31,7 @@ use crate::detect::plan::{Levels, Plan, Settle, Step, When};
 use crate::detect::pose::{self, Normalised, PRIORS, Pair, Prior, collect_pairs, count_agreeing};
 use crate::detect::scene::{Context, FINEST, Scene, vertices};
 use crate::detect::scrutiny::scrutinise;
+use crate::detect::tile::Tile;
 use crate::detect::verify::likeness;
 use crate::detect::vote::{Vote, Votes, cast};
 use crate::extract::feature::FeatureKind;
@@ -82,16 +84,22 @@ enum Piece {
     Candidates,
     /// This candidate.
     Candidate(u8),
+    /// The next tile of the frame.
+    Tile,
     /// The best name at each place.
     Names,
     /// Nothing: the search is over.
     End,
 }
 
-/// Where a search stands between two of its pieces. It has 20 bytes.
+/// Where a search stands between two of its pieces. It has 24 bytes.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Place {
     next: Piece,
+    /// Number of tiles that have been taken up.
+    tiles: u8,
+    /// Number of detections before the tile was searched.
+    before: u16,
     round: u16,
     step: u16,
     /// Weight of the heaviest candidate that the last decision of the round left open.
@@ -106,8 +114,22 @@ pub(crate) struct Place {
 
 impl Place {
     /// The start of a search: the first level above the finest.
-    pub(crate) const START: Self =
-        Self { next: Piece::Level(FINEST + 1), round: 0, step: 0, open: None, known: 0, coarse: 0, has_finest: false };
+    pub(crate) const START: Self = Self {
+        next: Piece::Level(FINEST + 1),
+        tiles: 0,
+        before: 0,
+        round: 0,
+        step: 0,
+        open: None,
+        known: 0,
+        coarse: 0,
+        has_finest: false,
+    };
+
+    /// The tile that is searched; `None` for the whole frame.
+    pub(crate) fn tile(&self, frame: &PyramidView<'_>) -> Option<Tile> {
+        Tile::nth(self.tiles.checked_sub(1)?, frame.width(), frame.height())
+    }
 
     /// Whether the search is over.
     pub(crate) fn is_end(&self) -> bool {
@@ -132,7 +154,7 @@ impl Search<'_, '_> {
         let step = || plan.step(usize::from(at.round), usize::from(at.step));
         at.next = match at.next {
             Piece::Level(level) => {
-                self.scene.find_level(level, &mut self.context);
+                self.scene.find_level(level, &self.findings.detections, &mut self.context);
                 let more = level != FINEST && usize::from(level) + 1 < LEVELS;
                 if more { Piece::Level(level + 1) } else { Piece::Features }
             }
@@ -175,6 +197,16 @@ impl Search<'_, '_> {
                     self.end_decision(plan, at)
                 }
             }
+            Piece::Tile => match self.next_tile(plan, at) {
+                Some(tile) => {
+                    self.scene.turn_to(tile);
+                    self.votes.clear();
+                    self.context.tally.stats.tiles += 1;
+                    *at = Place { tiles: at.tiles, before: at.before, ..Place::START };
+                    at.next
+                }
+                None => Piece::Names,
+            },
             Piece::Names => {
                 self.findings.named = evidence::name(&mut self.findings.detections, self.context.laps);
                 let named = &self.findings.detections[..self.findings.named];
@@ -194,7 +226,26 @@ impl Search<'_, '_> {
             self.votes.drop_open();
         }
         (at.round, at.step, at.open) = (at.round + 1, 0, None);
-        if usize::from(at.round) < plan.rounds() { Piece::Step } else { Piece::Names }
+        if usize::from(at.round) < plan.rounds() { Piece::Step } else { Piece::Tile }
+    }
+
+    /// Takes up the next tile in which something may be found, or the same one again while something
+    /// new is found in it.
+    fn next_tile(&self, plan: &Plan, at: &mut Place) -> Option<Tile> {
+        let found = &self.findings.detections;
+        if self.context.laps.stopped || (at.tiles == 0 && !plan.wants_tiles(found.len())) {
+            return None;
+        }
+        let again = at.tiles > 0 && found.len() > usize::from(at.before);
+        at.before = id(found.len());
+        at.tiles += u8::from(!again);
+        loop {
+            let tile = at.tile(&self.scene.pyramid)?;
+            if !tile.is_explained(found) {
+                return Some(tile);
+            }
+            at.tiles += 1;
+        }
     }
 
     /// Ends a decision. Returns what comes next.
@@ -215,13 +266,22 @@ impl Search<'_, '_> {
     /// Whether a step is to be taken. `open` is the weight of the heaviest candidate that the last
     /// decision left open.
     fn is_wanted(&self, step: &Step, open: Option<u32>) -> bool {
+        let found = &self.findings.detections;
+        let sought = |d: &Detection| step.tier.object().is_none_or(|o| o == d.object);
+        let in_doubt = |weight| !found.iter().any(sought) || open.is_some_and(|open| open >= weight);
         match step.when {
             When::Always => true,
-            When::InDoubt(weight) => {
-                let sought = |d: &Detection| step.tier.object().is_none_or(|o| o == d.object);
-                !self.findings.detections.iter().any(sought) || open.is_some_and(|open| open >= weight)
-            }
+            // What has been found is outside the tile, and says nothing of it.
+            _ if self.scene.tile.is_some() => true,
+            When::InDoubt(weight) => in_doubt(weight),
+            When::InDoubtOrOpen(weight) => in_doubt(weight) || self.is_open(),
         }
+    }
+
+    /// Whether the detections cover less than a sixth of the frame.
+    fn is_open(&self) -> bool {
+        let covered: f32 = self.findings.detections.iter().map(|d| area(&d.corners).abs()).sum();
+        6.0 * covered < (self.scene.pyramid.width() * self.scene.pyramid.height()) as f32
     }
 
     /// Finds the matches of a chunk of keygraphs, and casts their votes. Returns whether the step has

@@ -197,9 +197,9 @@ impl Tracker {
 
     /// Gives each detection of this frame to the track that it belongs to, or to a new track.
     fn merge(&mut self, detections: &[Detection]) {
-        const { assert!(DETECTIONS <= 32, "a bit for each detection: widen `taken`") };
+        const { assert!(DETECTIONS <= 64, "a bit for each detection: widen `taken`") };
         // Detections that confirm a track come first, so that no other detection takes the track.
-        let taken = detections.iter().enumerate().fold(0u32, |t, (i, d)| t | u32::from(self.confirm(d)) << i);
+        let taken = detections.iter().enumerate().fold(0u64, |t, (i, d)| t | u64::from(self.confirm(d)) << i);
         for (_, d) in detections.iter().enumerate().filter(|(i, _)| taken >> i & 1 == 0) {
             self.assign(d);
         }

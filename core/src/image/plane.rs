@@ -1,6 +1,6 @@
 //! A plane of pixels, and samples of it.
 //!
-//! In: borrowed pixels without padding, and positions in px. Out: the pixel nearest to a position,
+//! In: borrowed pixels, and positions in px. Out: the pixel nearest to a position,
 //! or the bilinear sample there. Positions are rounded to 1/256 px. Several positions are sampled
 //! together where the target has vectors, else one by one; the samples are the same.
 //!
@@ -8,12 +8,14 @@
 
 use crate::base::math::{self, VECTORS};
 
-/// A borrowed plane of pixels without padding.
+/// A borrowed plane of pixels, or a window of one.
 #[derive(Clone, Copy, Debug)]
 pub struct Plane<'a, T> {
     data: &'a [T],
     width: usize,
     height: usize,
+    /// Number of values from the start of a row to the start of the next.
+    stride: usize,
 }
 
 impl<'a, T> Plane<'a, T> {
@@ -23,7 +25,7 @@ impl<'a, T> Plane<'a, T> {
     /// Panics when there are fewer values.
     #[inline(always)]
     pub(crate) fn of_first(data: &'a [T], width: usize, height: usize) -> Self {
-        Self { data: &data[..width * height], width, height }
+        Self { data: &data[..width * height], width, height, stride: width }
     }
 }
 
@@ -32,7 +34,7 @@ impl<'a, T: Copy> Plane<'a, T> {
     /// side is zero.
     #[must_use]
     pub fn new(data: &'a [T], width: usize, height: usize) -> Option<Self> {
-        (width > 0 && height > 0 && data.len() == width * height).then_some(Self { data, width, height })
+        (width > 0 && height > 0 && data.len() == width * height).then_some(Self { data, width, height, stride: width })
     }
 
     /// Returns the width, px.
@@ -53,7 +55,15 @@ impl<'a, T: Copy> Plane<'a, T> {
     /// Panics when `y` is not below the height.
     #[must_use]
     pub fn row(&self, y: usize) -> &'a [T] {
-        &self.data[y * self.width..][..self.width]
+        &self.data[y * self.stride..][..self.width]
+    }
+
+    /// Returns the window with the first pixel `start` and this size, px. It ends at the edges of the
+    /// plane.
+    pub(crate) fn window(&self, start: [usize; 2], size: [usize; 2]) -> Self {
+        let (x, y) = (start[0].min(self.width), start[1].min(self.height));
+        let (width, height) = (size[0].min(self.width - x), size[1].min(self.height - y));
+        Self { data: self.data.get(y * self.stride + x..).unwrap_or_default(), width, height, ..*self }
     }
 
     /// Returns the pixel at `(x, y)`. A place outside the plane gives the nearest pixel inside.
@@ -63,7 +73,7 @@ impl<'a, T: Copy> Plane<'a, T> {
     pub fn nearest(&self, x: i32, y: i32) -> T {
         let x = x.clamp(0, self.width as i32 - 1) as usize;
         let y = y.clamp(0, self.height as i32 - 1) as usize;
-        self.data[y * self.width + x]
+        self.data[y * self.stride + x]
     }
 }
 
@@ -72,7 +82,7 @@ impl<'a, T: Copy> Plane<'a, T> {
 #[inline(always)]
 pub(crate) fn nearest(planes: [Plane<'_, i8>; 2], x: i32, y: i32) -> [i8; 2] {
     let [a, b] = planes;
-    let b = Plane { width: a.width, height: a.height, ..b };
+    let b = Plane { data: b.data, ..a };
     [a.nearest(x, y), b.nearest(x, y)]
 }
 
@@ -112,8 +122,8 @@ impl Plane<'_, u8> {
             return None;
         }
         // The compiler then knows that `w` has 16 bits, so that one check of the length is enough.
-        let w = self.width & 0xffff;
-        let rest = self.data.get(y * self.width + x..)?;
+        let w = self.stride & 0xffff;
+        let rest = self.data.get(y * self.stride + x..)?;
         (rest.len() > w + 1).then(|| [rest[0], rest[1], rest[w], rest[w + 1]].map(i32::from))
     }
 
@@ -139,19 +149,19 @@ fn sample_strip(plane: &Plane<'_, u8>, x: &mut [f32], y: &mut [f32]) {
     let n = x.len().min(STRIP);
     let mut squares = [0u32; STRIP];
     let (x, y, squares) = (&mut x[..n], &mut y[..n], &mut squares[..n]);
-    let (width, right, bottom) = (number(plane.width), number(plane.width) - 1, number(plane.height) - 1);
+    let (stride, right, bottom) = (number(plane.stride), number(plane.width) - 1, number(plane.height) - 1);
     for i in 0..n {
         let (fx, fy) = (math::whole(x[i] * PARTS), math::whole(y[i] * PARTS));
         let (column, row) = (fx >> 8, fy >> 8);
         let inside = (column >= 0) & (column < right) & (row >= 0) & (row < bottom);
         // Both factors have 15 bits, so that one instruction multiplies them.
-        let start = (row & 0x7fff) * (width & 0x7fff) + column;
+        let start = (row & 0x7fff) * (stride & 0x7fff) + column;
         squares[i] = if inside { start.cast_unsigned() } else { 0 };
         x[i] = if inside { (fx & 255) as f32 } else { f32::NAN };
         y[i] = (fy & 255) as f32;
     }
     // `top` and `low` have the same length: an index that is valid in one is valid in the other.
-    let low = &plane.data[plane.width..];
+    let low = &plane.data[plane.stride..];
     let top = &plane.data[..low.len()];
     for square in squares.iter_mut() {
         let at = *square as usize;
@@ -190,6 +200,21 @@ const fn number(side: usize) -> i32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_window_shows_its_part_and_ends_at_the_edges() {
+        let data: std::vec::Vec<u8> = (0..35).collect();
+        let plane = Plane::new(&data, 7, 5).unwrap();
+        let window = plane.window([2, 1], [3, 2]);
+        assert_eq!((window.row(0), window.row(1)), (&[9, 10, 11][..], &[16, 17, 18][..]));
+        assert_eq!(window.sample_one(0.5, 0.5), Some((9.0 + 10.0 + 16.0 + 17.0) / 4.0));
+        assert_eq!(window.sample_one(2.5, 0.0), None, "outside the window");
+        assert_eq!(window.nearest(9, 9), 18);
+        let inner = window.window([1, 1], [9, 9]);
+        assert_eq!((inner.width(), inner.height(), inner.row(0)), (2, 1, &[17, 18][..]));
+        let beyond = plane.window([8, 0], [1, 1]);
+        assert_eq!((beyond.width(), beyond.height()), (0, 1));
+    }
 
     #[test]
     fn samples_by_strips_and_one_by_one_are_those_of_the_definition() {

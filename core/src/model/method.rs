@@ -170,6 +170,9 @@ pub struct Parameters {
     /// An open candidate lies where nothing has been found: it may be the object, or another copy
     /// of it.
     pub doubt: [u32; 2],
+    /// Minimum number of instances found for the frame to be searched again in tiles; `None` never
+    /// does. Among many instances, the small ones get too few corners.
+    pub crowd: Option<usize>,
     /// Rules for a search of all objects at once; `None` to search each object by itself.
     pub lists: Option<Lists>,
     /// Rule that says what a match is.
@@ -197,6 +200,7 @@ const KEYGRAPH: Parameters = Parameters {
     impression: 0.75,
     first_pass: Bar { weight: 12, impression: 0.99, score: 0.0, heavy: 100, support: 16.0 },
     doubt: [12, 24],
+    crowd: Some(2),
     lists: Some(Lists {
         shares: [
             Share { of_each: 704, of_all: 384 << 10, max_bits: [3, 2], max_marks: 16 },
@@ -234,6 +238,7 @@ const PAPER: Parameters = Parameters {
     impression: 0.0,
     first_pass: Bar::NONE,
     doubt: [0, 0],
+    crowd: None,
     lists: None,
     matching: MatchRule {
         tolerance: 0,

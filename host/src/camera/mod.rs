@@ -74,7 +74,7 @@ use std::sync::{Arc, Mutex, mpsc};
 use std::time::{Duration, Instant};
 
 use anyhow::{Result, anyhow, ensure};
-use keygraph_core::DEFAULT_THRESHOLD;
+use keygraph_core::{DEFAULT_THRESHOLD, Depth};
 use tracing::level_filters::LevelFilter;
 
 use crate::output::{plain, print_line, write_file};
@@ -139,7 +139,7 @@ pub fn camera(arguments: &Arguments) -> Result<()> {
     let mut left = arguments.frames;
     let mut diary = Diary::default();
     let wanted = Request {
-        thorough: arguments.thorough,
+        depth: if arguments.thorough { Depth::Thorough } else { Depth::Usual },
         budget: arguments.budget_ms,
         min_visible: arguments.min_visible,
         ..Request::new(arguments.profile, arguments.threshold)

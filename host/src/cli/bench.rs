@@ -11,7 +11,7 @@ use keygraph::output::print_line;
 use keygraph::picture::Picture;
 use keygraph::search::{Profile, Request};
 use keygraph::{report, words};
-use keygraph_core::DEFAULT_THRESHOLD;
+use keygraph_core::{DEFAULT_THRESHOLD, Depth};
 
 use super::model_files::{load, parse};
 
@@ -69,7 +69,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         .map(|f| f.picture.with_context(|| f.source))
         .collect::<Result<_>>()?;
     let plan = Plan {
-        request: Request { thorough: arguments.thorough, ..Request::new(arguments.profile, DEFAULT_THRESHOLD) },
+        request: Request {
+            depth: if arguments.thorough { Depth::Thorough } else { Depth::Usual },
+            ..Request::new(arguments.profile, DEFAULT_THRESHOLD)
+        },
         passes: usize::from(arguments.passes),
         track: arguments.track,
     };

@@ -15,7 +15,7 @@ use keygraph::run::{Options, run as search_all};
 use keygraph::search::{Profile, Request, parse_budget, parse_share, parse_threshold};
 use keygraph::sensor::SensorFormat;
 use keygraph::{report, words};
-use keygraph_core::{DEFAULT_THRESHOLD, Intrinsics, Model};
+use keygraph_core::{DEFAULT_THRESHOLD, Depth, Intrinsics, Model};
 
 use super::model_files::{load, parse};
 use super::usage_error;
@@ -108,7 +108,7 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode> {
             min_visible: arguments.min_visible,
             all_names: arguments.all_names,
             format: arguments.format.map(|f| f.0),
-            thorough: arguments.thorough,
+            depth: if arguments.thorough { Depth::Thorough } else { Depth::Usual },
             digests: arguments.digests,
             ..Request::new(arguments.profile, arguments.threshold)
         },
