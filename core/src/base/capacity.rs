@@ -15,7 +15,8 @@
 /// Four stages count in their own way:
 /// - Classify keeps up to two matches for each keygraph that it sees.
 /// - Delaunay counts lost points and lost triangles together in `dropped`.
-/// - Corners also counts the corners beyond the limit of the method in `dropped`.
+/// - Corners also counts in `dropped` the corners beyond the limit of the method, and in a tile those
+///   in the outlines of what has been found.
 /// - Pose counts candidates in `seen`, and lost vertex pairs in `dropped`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

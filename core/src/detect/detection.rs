@@ -42,6 +42,7 @@ pub struct Detection {
 pub(crate) type Detections = Vec<Detection, DETECTIONS>;
 
 /// Whether a place lies in the outline of a detection, frame px.
+#[inline(never)]
 pub(crate) fn is_inside(detections: &[Detection], at: [f32; 2]) -> bool {
     detections.iter().any(|d| contains(&d.corners, at))
 }

@@ -373,6 +373,10 @@ mod tests {
         assert_eq!(of(scope(1, false), Depth::Usual), (1, Settle::Never));
         assert_eq!(of(scope(5, false), Depth::Usual), (5, Settle::AfterRound));
         assert_eq!(of(scope(5, true), Depth::Usual), (1, Settle::AfterDecision));
-        assert_eq!(of(scope(5, true), Depth::Thorough), (5, Settle::AfterRound), "a thorough search leaves the lists alone");
+        assert_eq!(
+            of(scope(5, true), Depth::Thorough),
+            (5, Settle::AfterRound),
+            "a thorough search leaves the lists alone"
+        );
     }
 }

@@ -14,7 +14,7 @@ use heapless::VecView;
 use crate::base::capacity::{Buffer, LEVELS, Stage, StageStats, count, id};
 use crate::base::geometry::Point;
 use crate::base::pace::Pace;
-use crate::detect::detection::{Detections, is_inside};
+use crate::detect::detection::{Detection, is_inside};
 use crate::detect::finder::Finder;
 use crate::detect::observer::{Laps, Output, Tally};
 use crate::detect::tile::{Tile, corners_of_tile};
@@ -70,7 +70,7 @@ pub(crate) struct Scene<'a> {
 impl Scene<'_> {
     /// Finds the keygraphs of a level. In a tile, corners in the outlines of what was `found` are left
     /// out.
-    pub(crate) fn find_level(&mut self, level: u8, found: &Detections, context: &mut Context<'_, '_>) {
+    pub(crate) fn find_level(&mut self, level: u8, found: &[Detection], context: &mut Context<'_, '_>) {
         let level = usize::from(level);
         self.find_keypoints(level, found, context);
         context.laps.end(context.tally, Output::Corners(&self.points[span(self.spans, level)]));
@@ -82,30 +82,28 @@ impl Scene<'_> {
     }
 
     #[inline(never)]
-    fn find_keypoints(&mut self, level: usize, found: &Detections, context: &mut Context<'_, '_>) {
+    fn find_keypoints(&mut self, level: usize, found: &[Detection], context: &mut Context<'_, '_>) {
         self.corners.clear();
         let (start, tally) = (self.points.len(), &mut *context.tally);
         let whole = self.pyramid.luma(level);
         let (luma, origin) = self.tile.map_or((whole, Point::default()), |t| t.in_level(whole, level));
         if luma.width().min(luma.height()) >= 8 {
             let mut stats = context.finder.keypoints(luma, level, self.corners, context.laps);
-            if self.tile.is_some() {
-                let limit = corners_of_tile(context.model.method().parameters().corner_limits[level]);
-                self.corners.iter_mut().for_each(|c| c.point = c.point.moved(origin));
-                self.corners.retain(|c| !is_inside(found, to_level0(c.point, level)));
-                stats.dropped += count(self.corners.len().saturating_sub(limit));
-                self.corners.truncate(limit);
-                stats.kept = count(self.corners.len());
-            }
             let held = self.corners.capacity().min(stats.seen as usize).max(self.corners.len());
             tally.mark(Buffer::Corners, held);
             tally.mark(Buffer::Triangulation, self.corners.len());
-            let room = self.points.capacity() - self.points.len();
-            let lost = self.corners.len().saturating_sub(room);
-            // Keypoints that do not fit are counted as dropped.
-            self.points.extend(self.corners.iter().take(room).map(|c| c.point));
-            stats.kept = stats.kept.saturating_sub(count(lost));
-            stats.dropped += count(lost);
+            let mut room = self.points.capacity() - self.points.len();
+            let mut explained: &[Detection] = &[];
+            if self.tile.is_some() {
+                room = room.min(corners_of_tile(context.model.method().parameters().corner_limits[level]));
+                explained = found;
+            }
+            let points = self.corners.iter().map(|c| c.point.moved(origin));
+            self.points.extend(points.filter(|&p| !is_inside(explained, to_level0(p, level))).take(room));
+            // Keypoints that do not fit, or are explained, are counted as dropped.
+            let lost = count(self.corners.len() - (self.points.len() - start));
+            stats.kept = stats.kept.saturating_sub(lost);
+            stats.dropped += lost;
             tally.add(Stage::Corners, stats);
         }
         tally.mark(Buffer::Keypoints, self.points.len());

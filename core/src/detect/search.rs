@@ -231,6 +231,7 @@ impl Search<'_, '_> {
 
     /// Takes up the next tile in which something may be found, or the same one again while something
     /// new is found in it.
+    #[inline(never)]
     fn next_tile(&self, plan: &Plan, at: &mut Place) -> Option<Tile> {
         let found = &self.findings.detections;
         if self.context.laps.stopped || (at.tiles == 0 && !plan.wants_tiles(found.len())) {

@@ -30,6 +30,7 @@ pub(crate) struct Tile {
 
 impl Tile {
     /// Tile `i` of a frame; `None` when it has no more.
+    #[inline(never)]
     pub(crate) fn nth(i: u8, width: usize, height: usize) -> Option<Self> {
         let (x, y) = (usize::from(i) % SIDE, usize::from(i) / SIDE);
         let part = |i: usize, length: usize| {
@@ -51,6 +52,7 @@ impl Tile {
         points.filter(|&p| !is_inside(found, p)).count() < OPEN
     }
 
+    #[inline(never)]
     /// The tile in a pyramid level, and the position of its first pixel.
     pub(crate) fn in_level<'a>(&self, plane: Plane<'a, u8>, level: usize) -> (Plane<'a, u8>, Point) {
         let [start, end] = [self.start, self.end].map(|p| p.map(|v| v >> level));
