@@ -2,7 +2,8 @@
 //!
 //! In: a picture of an object, and the size of the frames. Out: checkerboards, gratings, crossed
 //! gratings, noise, dots, a wall of text, corners in a cluster, on a line and on a circle, twelve
-//! copies of the object, and the object with its parts exchanged. The same size gives the same pixels
+//! copies of the object, the object with its parts exchanged, and two copies among ten of those. The
+//! same size gives the same pixels
 //! on every machine. Memory: a frame. Cost: some ten milliseconds a frame.
 
 use std::fs;
@@ -111,9 +112,14 @@ fn wall_of_text(size: [u32; 2]) -> Canvas {
 }
 
 fn scenes(picture: &Picture, size: [u32; 2], save: &mut Save<'_>) -> Result<()> {
-    let exchanged = |n: u64| (0..n).map(|i| Print::new(&exchange(picture, 1.0, &mut Random::of(&[n, i])))).collect();
+    let exchanged = |n: u64| -> Vec<Print> {
+        (0..n).map(|i| Print::new(&exchange(picture, 1.0, &mut Random::of(&[n, i])))).collect()
+    };
     save("leaves", &mut || scene_of(Vec::new(), size, 1))?;
     save("copies", &mut || scene_of(vec![Print::new(picture); 12], size, 4))?;
+    // Two are found, and the frame is searched again for more.
+    let crowd = || [vec![Print::new(picture); 2], exchanged(10)].concat();
+    save("crowd", &mut || scene_of(crowd(), size, 4))?;
     save("exchanged", &mut || scene_of(exchanged(1), size, 1))?;
     save("exchanged-12", &mut || scene_of(exchanged(12), size, 4))
 }

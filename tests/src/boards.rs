@@ -23,7 +23,7 @@ pub struct Measured {
     pub code: usize,
     /// Million instructions per searched frame (median), by profile: qqvga, qvga, vga.
     pub instructions: [f64; 3],
-    /// Million instructions of the hardest of 50 frames that are made to be hard, by profile.
+    /// Million instructions of the hardest of 51 frames that are made to be hard, by profile.
     pub hardest: [f64; 3],
     /// Million instructions per searched vga frame (mean) on a processor with vectors.
     pub with_vectors: f64,
@@ -343,7 +343,7 @@ A test writes this page from the sizes of the types, from `firmware-sim/baseline
 also measures again. Instructions are the median of four frames that show the object whole, from
 the side, small, and not at all. The model is `compact`; the figure with vectors is the mean with
 a `large` model. These frames are harder than most: the median of 144 others is 15.9 M with qvga
-([decision 0012](decisions/0012-sixteen-million.md)). The hardest frame is that of 50 which are made
+([decision 0012](decisions/0012-sixteen-million.md)). The hardest frame is that of 51 which are made
 to be hard: patterns, noise, copies and look-alikes of the object
 ([decision 0015](decisions/0015-worst-case.md)). The instructions of hd are computed from
 those of vga, in proportion to the pixels, which are three times as many.

@@ -32,8 +32,8 @@ pub fn frames() -> Result<Vec<PathBuf>> {
 
 /// Frames of [`keygraph::hard`] that cost the most, one for each stage that they strain: what a change
 /// must not make worse. `scripts/board --worst` searches all.
-pub const HARDEST: [&str; 8] =
-    ["exchanged", "dots-24", "dots-48", "crossed-16", "crossed-24", "leaves", "copies", "checkerboard-8"];
+pub const HARDEST: [&str; 9] =
+    ["exchanged", "dots-24", "dots-48", "crossed-16", "crossed-24", "leaves", "copies", "crowd", "checkerboard-8"];
 
 /// Makes the frames that are hard on a search, and returns their paths: the hardest, or all.
 ///
