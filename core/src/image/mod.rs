@@ -3,6 +3,7 @@
 //!
 //! Rule: a view that exists is valid. Sizes are checked once, where a view is made.
 
+pub mod pixels;
 pub mod frame;
 pub mod shrink;
 pub mod plane;
