@@ -339,9 +339,9 @@ mod tests {
     fn the_border_of_a_part_lies_in_it() {
         let mut canvas = canvas(8, 6, 0);
         draw_part(&mut canvas, Part { x: 2, y: 1, width: 5, height: 4 });
-        for (y, row) in ["........", "..#####.", "..#...#.", "..#...#.", "..#####.", "........"].iter().enumerate() {
-            for (x, c) in row.chars().enumerate() {
-                let drawn = pixel(&canvas, x as u32, y as u32) == PART;
+        for (y, row) in (0..).zip(["........", "..#####.", "..#...#.", "..#...#.", "..#####.", "........"]) {
+            for (x, c) in (0..).zip(row.chars()) {
+                let drawn = pixel(&canvas, x, y) == PART;
                 assert_eq!(drawn, c == '#', "{x}, {y}");
             }
         }
