@@ -99,7 +99,8 @@ mod space;
 pub use heapless;
 
 // Frames.
-pub use image::frame::{Frame, FrameError, PixelFormat};
+pub use image::frame::{Frame, FrameError, Window};
+pub use image::pixels::PixelFormat;
 
 // Models and training.
 pub use extract::feature::FeatureKind;
@@ -149,7 +150,8 @@ pub mod stages {
     /// Limits of a frame's size, the minimum brightness for chroma, and the value of missing
     /// chroma.
     pub mod frame {
-        pub use crate::image::frame::{DARK, MAX_SIDE, MIN_SIDE, NO_CHROMA};
+        pub use crate::image::frame::{MAX_SIDE, MIN_SIDE};
+        pub use crate::image::pixels::{DARK, NO_CHROMA};
     }
     pub use crate::image::{plane, pyramid, shrink};
 

@@ -42,8 +42,8 @@ impl Sensor for Camera {
         let [searched, arrived] = &mut self.buffers;
         swap(searched, arrived);
         self.arriving = self.link.next_frame(&mut **arrived);
-        let [width, height] = whole.size.map(|v| v as usize);
-        Some(Frame::new(whole.format, width, height, &searched[..whole.bytes()]))
+        // On a real board: `Frame::new` with the one format of its sensor, so that no other is linked.
+        Some(whole.frame(&searched[..whole.bytes()]))
     }
 }
 

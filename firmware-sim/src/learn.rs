@@ -1,11 +1,11 @@
 //! Learns an object on the board, from the middle of a frame.
 //!
-//! In: a raw frame with two bytes per pixel (YUYV, RGB565) and the object in its middle. Out: a
-//! model. Memory: a [`Learner`]. It is needed before the detector and never beside it, so that the
-//! two share their memory. The model lies in the same memory until it is written to flash. Cost:
-//! the cost of training, some seconds on a Cortex-M7.
+//! In: a raw frame with the object in its middle, of which a window is learnt. Out: a model. Memory:
+//! a [`Learner`]. It is needed before the detector and never beside it, so that the two share their
+//! memory. The model lies in the same memory until it is written to flash. Cost: the cost of
+//! training, some seconds on a Cortex-M7.
 
-use keygraph_core::{Frame, Preset, TrainError, Trainer, chroma_bytes, luma_bytes};
+use keygraph_core::{Preset, TrainError, Trainer, Window, chroma_bytes, luma_bytes};
 
 use crate::wire::FrameHeader;
 
@@ -31,48 +31,32 @@ pub struct Learner {
 
 impl Learner {
     /// Learns the middle `size` px of the frame in `buffer`, and returns the bytes of the model.
-    /// The frame is cropped in place.
     ///
     /// # Errors
-    /// Fails if training fails.
-    ///
-    /// # Panics
-    /// Panics if the format does not have two bytes per pixel, or if `size` exceeds the frame.
+    /// Fails if `size` exceeds the frame, or if training fails.
     #[inline(never)]
-    pub fn learn(&mut self, header: &FrameHeader, buffer: &mut [u8], size: [usize; 2]) -> Result<&[u8], TrainError> {
-        let bytes = crop(header, buffer, size);
-        let frame = Frame::new(header.format, size[0], size[1], &buffer[..bytes])?;
+    pub fn learn(&mut self, header: &FrameHeader, buffer: &[u8], size: [usize; 2]) -> Result<&[u8], TrainError> {
+        let frame = header.frame(&buffer[..header.bytes()])?.window(middle(header.size, size))?;
         let params = Preset::Learnt.params("learnt", false);
         let trained = self.trainer.train(&frame, (size[0] as u32, size[1] as u32), &params, &mut self.model)?;
         Ok(&self.model[..trained.bytes])
     }
 }
 
-/// Moves the middle of the frame to the start of its buffer, and returns the size of that part, bytes.
-fn crop(header: &FrameHeader, buffer: &mut [u8], [cw, ch]: [usize; 2]) -> usize {
-    let [w, h] = header.size.map(|v| v as usize);
-    assert!(header.format.bytes(2, 1) == 4, "learning takes YUYV or RGB565");
-    assert!(cw <= w && ch <= h, "the object exceeds the frame");
-    // Two neighbouring pixels share chroma, so the first column must be even.
-    let (x, y) = ((w - cw) / 2 & !1, (h - ch) / 2);
-    for row in 0..ch {
-        let from = 2 * ((y + row) * w + x);
-        buffer.copy_within(from..from + 2 * cw, 2 * cw * row);
-    }
-    2 * cw * ch
+/// Returns the middle of a frame. Two neighbouring pixels may share chroma, so the first column is
+/// even.
+fn middle(frame: [u32; 2], [width, height]: [usize; 2]) -> Window {
+    let [w, h] = frame.map(|v| v as usize);
+    Window { x: w.saturating_sub(width) / 2 & !1, y: h.saturating_sub(height) / 2, width, height }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use keygraph_core::PixelFormat;
 
     #[test]
-    fn the_middle_stays() {
-        // Each pixel holds its own column and row.
-        let mut frame: [u8; 2 * 8 * 6] = core::array::from_fn(|i| [i / 2 % 8, i / 16][i % 2] as u8);
-        let header = FrameHeader { format: PixelFormat::Rgb565, size: [8, 6] };
-        assert_eq!(crop(&header, &mut frame, [4, 2]), 16);
-        assert_eq!(frame[..16], [2, 2, 3, 2, 4, 2, 5, 2, 2, 3, 3, 3, 4, 3, 5, 3]);
+    fn the_middle_begins_at_an_even_column() {
+        assert_eq!(middle([160, 120], [106, 90]), Window { x: 26, y: 15, width: 106, height: 90 });
+        assert_eq!(middle([100, 100], [200, 50]), Window { x: 0, y: 25, width: 200, height: 50 });
     }
 }

@@ -5,7 +5,7 @@
 //! the counted time.
 
 use keygraph_core::stages::digest::Digests;
-use keygraph_core::{Frame, Model, Observer, Output, Stage};
+use keygraph_core::{Model, Observer, Output, Stage};
 
 use crate::board::{Link, fail, stack_bytes, ticks};
 use crate::profile::Detector;
@@ -57,13 +57,13 @@ pub fn search_all(detector: &mut Detector, model: &Model<'_>, job: &Job, link: &
 
 #[inline(never)]
 fn search(d: &mut Detector, model: &Model<'_>, job: &Job, link: &mut Link, header: &FrameHeader, data: &[u8]) {
-    let [width, height] = header.size.map(|v| v as usize);
     let (digests, start) = (job.digests.then(Digests::new), ticks());
     let mut watch = Watch { digests, start, budget: job.budget, asked: start, longest: 0 };
-    let frame = Frame::new(header.format, width, height, data).unwrap_or_else(|e| fail("the frame", e));
+    let frame = header.frame(data).unwrap_or_else(|e| fail("the frame", e));
     if let Err(e) = d.detect(&frame, model, job.threshold, &mut watch) {
         fail("the frame", e);
     }
+    let [width, height] = header.size;
     defmt::info!("{} px x {} px: {} found", width, height, d.detections().len());
     let stats = d.stats();
     let report = Report {

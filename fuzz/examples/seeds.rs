@@ -128,19 +128,20 @@ fn convert(format: PixelFormat, rgb: &[u8], w: usize) -> Vec<u8> {
     };
     let places = || (0..h).flat_map(move |y| (0..w).map(move |x| (x, y)));
     let blocks = || places().filter(|(x, y)| x % 2 == 0 && y % 2 == 0);
+    let yuv = |(x, y): (usize, usize)| [luma(x, y), if x % 2 == 0 { u(x, y) } else { v(x - 1, y) }];
+    let rgb565 = |(x, y)| {
+        let [r, g, b] = at(x, y);
+        let packed = (r >> 3) << 11 | (g >> 2) << 5 | b >> 3;
+        [packed.to_le_bytes()[0], packed.to_le_bytes()[1]]
+    };
+    let swapped = |[a, b]: [u8; 2]| [b, a];
     match format {
         PixelFormat::Rgb8 => rgb.to_vec(),
         PixelFormat::Gray8 => places().map(|(x, y)| luma(x, y)).collect(),
-        PixelFormat::Rgb565 => places()
-            .flat_map(|(x, y)| {
-                let [r, g, b] = at(x, y);
-                let packed = (r >> 3) << 11 | (g >> 2) << 5 | b >> 3;
-                [packed.to_le_bytes()[0], packed.to_le_bytes()[1]]
-            })
-            .collect(),
-        PixelFormat::Yuyv => {
-            places().flat_map(|(x, y)| [luma(x, y), if x % 2 == 0 { u(x, y) } else { v(x - 1, y) }]).collect()
-        }
+        PixelFormat::Rgb565 => places().flat_map(rgb565).collect(),
+        PixelFormat::Rgb565Be => places().map(rgb565).flat_map(swapped).collect(),
+        PixelFormat::Yuyv => places().flat_map(yuv).collect(),
+        PixelFormat::Uyvy => places().map(yuv).flat_map(swapped).collect(),
         PixelFormat::Nv12 => {
             places().map(|(x, y)| luma(x, y)).chain(blocks().flat_map(|(x, y)| [u(x, y), v(x, y)])).collect()
         }

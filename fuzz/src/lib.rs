@@ -174,7 +174,7 @@ impl Input<'_> {
 pub fn frame_bytes(input: &mut Input<'_>, max: (usize, usize)) -> (PixelFormat, usize, usize, Vec<u8>) {
     let format = PixelFormat::ALL[usize::from(input.byte()) % PixelFormat::ALL.len()];
     let (odd_width, odd_height) = match format {
-        PixelFormat::Yuyv => (0, 1),
+        PixelFormat::Yuyv | PixelFormat::Uyvy => (0, 1),
         PixelFormat::Nv12 | PixelFormat::I420 => (0, 0),
         _ => (1, 1),
     };

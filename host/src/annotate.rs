@@ -17,6 +17,7 @@ use embedded_graphics::primitives::{Circle, PrimitiveStyle, Rectangle};
 use embedded_graphics::text::{Baseline, Text};
 
 pub use crate::canvas::Canvas;
+use crate::picture::Part;
 
 /// Red, green, blue.
 pub type Colour = [u8; 3];
@@ -35,6 +36,8 @@ pub const PALETTE: [Colour; 8] = [
 
 const DARK: Colour = [16, 16, 16];
 const WHITE: Colour = [255, 255, 255];
+/// The colour of the border of what was searched: none of an object's.
+const PART: Colour = [200, 200, 200];
 
 /// The colour of the object with this index. Colours repeat after eight objects.
 #[must_use]
@@ -123,6 +126,17 @@ pub fn draw_corners(canvas: &mut Canvas, corners: &[[f32; 2]], colour: Colour) {
         if let Some(centre) = visible_point(canvas, corner, diameter_px) {
             let Ok(()) = Circle::with_center(centre, diameter_px).into_styled(style).draw(canvas);
         }
+    }
+}
+
+/// Draws the border of a part of the picture with a thin line: the part that was searched.
+pub fn draw_part(canvas: &mut Canvas, part: Part) {
+    let [left, top] = [part.x, part.y].map(|v| v as f32);
+    let [right, bottom] = [part.x + part.width, part.y + part.height].map(|v| v as f32 - 1.0);
+    let (a, b, c, d) = ([left, top], [right, top], [right, bottom], [left, bottom]);
+    let width_px = (canvas.longer_side() / 1200).max(1);
+    for side in [[a, b], [b, c], [c, d], [d, a]] {
+        stroke(canvas, side, PART, width_px);
     }
 }
 
@@ -319,6 +333,18 @@ mod tests {
 ............................
 ";
         assert_eq!(ascii(&canvas), expected, "\n{}", ascii(&canvas));
+    }
+
+    #[test]
+    fn the_border_of_a_part_lies_in_it() {
+        let mut canvas = canvas(8, 6, 0);
+        draw_part(&mut canvas, Part { x: 2, y: 1, width: 5, height: 4 });
+        for (y, row) in (0..).zip(["........", "..#####.", "..#...#.", "..#...#.", "..#####.", "........"]) {
+            for (x, c) in (0..).zip(row.chars()) {
+                let drawn = pixel(&canvas, x, y) == PART;
+                assert_eq!(drawn, c == '#', "{x}, {y}");
+            }
+        }
     }
 
     #[test]

@@ -135,7 +135,8 @@ pub fn bench(pictures: &[Picture], model: &Model<'_>, plan: &Plan) -> Result<Ben
             ticks.iter_mut().zip(found.stats.ticks).for_each(|(stage, ns)| stage[i].push(ns));
         }
     }
-    let largest = pictures.iter().map(|p| frame_size(p, request)).max().unwrap_or_default();
+    let sizes = pictures.iter().map(|p| frame_size(p, request)).collect::<Result<Vec<_>>>()?;
+    let largest = sizes.into_iter().max().unwrap_or_default();
     let stages = Stage::ALL.iter().zip(&mut ticks).map(|(&stage, ticks)| {
         let moved = bytes_moved(largest, stage);
         StageCost {
@@ -193,9 +194,9 @@ fn tracked(pictures: &[Picture], model: &Model<'_>, request: &Request) -> Result
 }
 
 /// Number of pixels and bytes of a picture as the detector takes it.
-fn frame_size(picture: &Picture, request: &Request) -> (usize, usize) {
-    let frame = prepare(picture, request.profile, request.format);
-    (frame.width * frame.height, frame.data.len())
+fn frame_size(picture: &Picture, request: &Request) -> Result<(usize, usize)> {
+    let frame = prepare(picture, request)?;
+    Ok((frame.width * frame.height, frame.data.len()))
 }
 
 /// Bytes that a stage reads and writes; `None` for a stage that does not read every pixel.

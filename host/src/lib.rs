@@ -10,6 +10,7 @@
 //! - [`output`]: lines on standard output, and files: whole, or as they were
 //! - [`canvas`], [`annotate`], [`video`], [`progress`]: what is drawn, written and shown
 //! - [`sensor`]: pixels as a camera's sensor would give them
+//! - [`region`]: the part of a frame that is searched
 //! - [`search`]: one frame through a detector of the right size
 //! - [`trail`]: frames in order through a tracker
 //! - [`margins`]: plain margins of a picture
@@ -42,6 +43,7 @@ pub mod annotate;
 pub mod video;
 pub mod progress;
 pub mod sensor;
+pub mod region;
 pub mod search;
 pub mod trail;
 pub mod margins;

@@ -42,6 +42,36 @@ pub struct Picture {
     pub pixels: Pixels,
 }
 
+impl Picture {
+    /// A copy of a part of the picture, which must lie within it. With [`Pixels::I420`], the part has
+    /// even places and sides.
+    #[must_use]
+    pub fn cut(&self, part: Part) -> Self {
+        let size = (self.width as usize, self.height as usize);
+        let of = [part.x, part.y, part.width, part.height].map(|v| v as usize);
+        let pixels = match &self.pixels {
+            Pixels::Rgb8(rgb) => Pixels::Rgb8(cut::<3>(rgb, size.0, of)),
+            Pixels::Gray8(gray) => Pixels::Gray8(cut::<1>(gray, size.0, of)),
+            Pixels::I420(planes) => {
+                let (luma, chroma) = planes.split_at(size.0 * size.1);
+                let halves = of.map(|v| v / 2);
+                let mut bytes = cut::<1>(luma, size.0, of);
+                for plane in chroma.chunks_exact(size.0 * size.1 / 4) {
+                    bytes.extend(cut::<1>(plane, size.0 / 2, halves));
+                }
+                Pixels::I420(bytes)
+            }
+        };
+        Self { width: part.width, height: part.height, pixels }
+    }
+}
+
+/// The pixels of a part of a plane with `N` bytes a pixel and rows of `row` pixels.
+fn cut<const N: usize>(plane: &[u8], row: usize, [x, y, width, height]: [usize; 4]) -> Vec<u8> {
+    let start = |y: usize| N * (y * row + x);
+    (y..y + height).flat_map(|y| &plane[start(y)..][..N * width]).copied().collect()
+}
+
 /// An upright rectangle of a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Part {
@@ -319,6 +349,17 @@ pub(crate) mod tests {
         assert_eq!((gray.width, gray.height), (2, 2));
         let (rgb, _) = decode(&png(1, &[1, 2, 3], ExtendedColorType::Rgb8)).expect("rgb");
         assert_eq!(rgb.pixels, Pixels::Rgb8(vec![1, 2, 3]));
+    }
+
+    #[test]
+    fn a_part_is_cut_out_of_every_plane() {
+        let part = Part { x: 2, y: 2, width: 2, height: 2 };
+        let cut = |pixels| Picture { width: 6, height: 4, pixels }.cut(part).pixels;
+        let bytes = |n: u8| (0..n).collect::<Vec<u8>>();
+        assert_eq!(cut(Pixels::Gray8(bytes(24))), Pixels::Gray8(vec![14, 15, 20, 21]));
+        let rgb = [42, 43, 44, 45, 46, 47, 60, 61, 62, 63, 64, 65];
+        assert_eq!(cut(Pixels::Rgb8(bytes(72))), Pixels::Rgb8(rgb.to_vec()));
+        assert_eq!(cut(Pixels::I420(bytes(36))), Pixels::I420(vec![14, 15, 20, 21, 28, 34]));
     }
 
     #[test]

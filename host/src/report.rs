@@ -81,6 +81,12 @@ pub fn frame_line(
         "source": source, "frame": frame, "width": size.0, "height": size.1,
         "detections": detections, "stages": stages, "time_ms": times,
     });
+    if let Some(part) = found.part {
+        line["roi"] = json!([part.x, part.y, part.width, part.height]);
+    }
+    if found.mirrored {
+        line["mirror"] = json!(true);
+    }
     if found.stats.stopped {
         line["complete"] = json!(false);
     }

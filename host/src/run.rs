@@ -15,7 +15,9 @@ use std::thread;
 use anyhow::{Context, Result, anyhow};
 use keygraph_core::{Model, PlanePose};
 
-use crate::annotate::{Canvas, Outline, colour, draw_axes, draw_corners, draw_label, draw_outline, draw_triangles};
+use crate::annotate::{
+    Canvas, Outline, colour, draw_axes, draw_corners, draw_label, draw_outline, draw_part, draw_triangles,
+};
 use crate::input::{Kind, Pending, Picture, Source, SourceFrame};
 use crate::output::plain;
 use crate::pose::Calibration;
@@ -198,10 +200,14 @@ fn search_one(
     Outcome { source, frame, kind, result }
 }
 
-/// Draws corners, supporting keygraphs, outlines, names and scores into a copy of `picture`.
+/// Draws corners, supporting keygraphs, outlines, names and scores into a copy of `picture`, and the
+/// border of what was searched if that was a part.
 #[must_use]
 pub fn draw(picture: &Picture, model: &Model<'_>, found: &Found) -> Canvas {
     let mut canvas = Canvas::from_picture(picture);
+    if let Some(part) = found.part {
+        draw_part(&mut canvas, part);
+    }
     draw_corners(&mut canvas, &found.corners, [255, 255, 255]);
     let outlines: Vec<Outline> = found
         .detections

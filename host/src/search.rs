@@ -9,7 +9,7 @@ use std::borrow::Cow;
 use std::sync::{Mutex, MutexGuard};
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result};
+use anyhow::{Result, anyhow};
 use keygraph_core::stages::digest::Digests;
 use keygraph_core::stages::shrink::shrink;
 use keygraph_core::{
@@ -18,6 +18,8 @@ use keygraph_core::{
 };
 
 use crate::input::{Picture, Pixels};
+use crate::picture::Part;
+use crate::region::{Region, Unsuitable};
 use crate::sensor::sense;
 
 /// A frame size that detectors are built for.
@@ -70,6 +72,28 @@ pub struct Scaled<'a> {
     pub data: Cow<'a, [u8]>,
     /// Scaled px per original px, across and down.
     pub scale: [f32; 2],
+    /// The map from px of these pixels to px of the picture.
+    pub to_picture: Homography,
+    /// The part of the picture that these pixels show; `None` when they show all of it.
+    pub part: Option<Part>,
+}
+
+impl Scaled<'_> {
+    /// Mirrors the pixels left to right, of one of the formats that pictures have.
+    fn mirror(&mut self) {
+        let (w, n) = (self.width, self.width * self.height);
+        let bytes = self.data.to_mut();
+        match self.format {
+            PixelFormat::Rgb8 => bytes.chunks_exact_mut(3 * w).for_each(|row| row.as_chunks_mut::<3>().0.reverse()),
+            PixelFormat::I420 => {
+                let (luma, chroma) = bytes.split_at_mut(n);
+                luma.chunks_exact_mut(w).chain(chroma.chunks_exact_mut(w / 2)).for_each(<[u8]>::reverse);
+            }
+            _ => bytes.chunks_exact_mut(w).for_each(<[u8]>::reverse),
+        }
+        let last = w.saturating_sub(1) as f32;
+        self.to_picture = self.to_picture.after(&Homography::affine([-1.0, 0.0, last, 0.0, 1.0, 0.0]));
+    }
 }
 
 /// Scales `picture` down until its longer side is at most `side` px and it has at most
@@ -85,7 +109,9 @@ pub fn fit(picture: &Picture, side: usize, pixels: usize) -> Scaled<'_> {
     };
     let f = (side as f64 / w.max(h) as f64).min((pixels as f64 / (w * h) as f64).sqrt()).min(1.0);
     if f >= 1.0 {
-        return Scaled { format, width: w, height: h, data: Cow::Borrowed(bytes), scale: [1.0; 2] };
+        let data = Cow::Borrowed(&bytes[..]);
+        let to_picture = Homography::IDENTITY;
+        return Scaled { format, width: w, height: h, data, scale: [1.0; 2], to_picture, part: None };
     }
     let even = if format == PixelFormat::I420 { !1 } else { !0 };
     let size = |v: usize| ((v as f64 * f + 1e-6) as usize & even).max(2);
@@ -103,18 +129,34 @@ pub fn fit(picture: &Picture, side: usize, pixels: usize) -> Scaled<'_> {
         _ => shrink::<1>(bytes, (w, h), &mut data, (dw, dh)),
     }
     let scale = [dw as f32 / w as f32, dh as f32 / h as f32];
-    Scaled { format, width: dw, height: dh, data: Cow::Owned(data), scale }
+    let to_picture = Homography::scaling(scale.map(|s| 1.0 / s));
+    Scaled { format, width: dw, height: dh, data: Cow::Owned(data), scale, to_picture, part: None }
 }
 
-/// Prepares `picture` for a detector of `profile`: scales it down, and converts it to the
-/// format of a sensor when one is given.
-#[must_use]
-pub fn prepare(picture: &Picture, profile: Profile, format: Option<PixelFormat>) -> Scaled<'_> {
-    let (side, pixels) = profile.limits();
-    let scaled = fit(picture, side, pixels);
-    let Some(format) = format else { return scaled };
+/// Prepares `picture` for the detector of `request`: takes the region out, scales it down, mirrors it,
+/// and converts it to the format of a sensor, as far as this is asked for.
+///
+/// # Errors
+/// When the region does not suit the picture.
+pub fn prepare<'a>(picture: &'a Picture, request: &Request) -> Result<Scaled<'a>, Unsuitable> {
+    let (side, pixels) = request.profile.limits();
+    let mut scaled = match request.region {
+        None => fit(picture, side, pixels),
+        Some(region) => {
+            let part = region.part(picture)?;
+            let cut = picture.cut(part);
+            let scaled = fit(&cut, side, pixels);
+            let corner = Homography::affine([1.0, 0.0, part.x as f32, 0.0, 1.0, part.y as f32]);
+            let to_picture = corner.after(&scaled.to_picture);
+            Scaled { data: Cow::Owned(scaled.data.into_owned()), to_picture, part: Some(part), ..scaled }
+        }
+    };
+    if request.mirror {
+        scaled.mirror();
+    }
+    let Some(format) = request.format else { return Ok(scaled) };
     let (width, height, data) = sense(scaled.format, (scaled.width, scaled.height), &scaled.data, format);
-    Scaled { format, width, height, data: Cow::Owned(data), scale: scaled.scale }
+    Ok(Scaled { format, width, height, data: Cow::Owned(data), ..scaled })
 }
 
 /// Results of one frame, in px of the input.
@@ -141,6 +183,10 @@ pub struct Found {
     pub digests: Option<Digests>,
     /// The state of the tracker; `None` for a frame outside of a sequence.
     pub tracking: Option<Tracking>,
+    /// The part of the frame that was searched; `None` when it is all of the frame.
+    pub part: Option<Part>,
+    /// Whether the frame was mirrored before it was searched.
+    pub mirrored: bool,
 }
 
 /// Results of a tracker beside the detections.
@@ -170,6 +216,8 @@ impl Found {
             high_water: [0; Buffer::COUNT],
             digests: None,
             tracking: None,
+            part: None,
+            mirrored: false,
         }
     }
 
@@ -186,17 +234,15 @@ impl Found {
         self.detections.iter_mut().chain(lost.map(|t| &mut t.detection))
     }
 
-    /// Maps all coordinates from a scaled frame to the input. `[sx, sy]` is the number of
-    /// px of the frame per px of the input, across and down.
-    pub fn map_back(&mut self, [sx, sy]: [f32; 2]) {
-        let back = Homography::scaling([1.0 / sx, 1.0 / sy]);
+    /// Maps all coordinates from the frame that was searched to the input, as `to_picture` does
+    /// ([`Scaled::to_picture`]).
+    pub fn map_back(&mut self, to_picture: &Homography) {
         for d in self.all_detections() {
-            d.homography = back.after(&d.homography).normalised();
-            d.corners = d.corners.map(|p| back.apply(p));
+            *d = d.mapped(to_picture);
         }
         let triangles = self.keygraphs.iter_mut().chain(self.supporters.iter_mut().flatten());
         for p in self.corners.iter_mut().chain(triangles.flatten()) {
-            *p = back.apply(*p);
+            *p = to_picture.apply(*p);
         }
     }
 }
@@ -216,6 +262,11 @@ pub struct Request {
     pub all_names: bool,
     /// Whether to report corners, keygraphs and supporters.
     pub details: bool,
+    /// The part of each frame that is searched, at its own resolution; `None` searches all.
+    pub region: Option<Region>,
+    /// Whether frames are mirrored left to right before they are searched. Results stay in px of the
+    /// frame as it came; their homographies have a negative determinant.
+    pub mirror: bool,
     /// The format of a sensor to which pixels are converted; `None` takes them as they were
     /// decoded.
     pub format: Option<PixelFormat>,
@@ -261,6 +312,8 @@ impl Request {
             min_visible: 0.0,
             all_names: false,
             details: false,
+            region: None,
+            mirror: false,
             format: None,
             depth: Depth::Usual,
             digests: false,
@@ -428,9 +481,17 @@ fn in_profile(
     work: impl FnOnce(&mut AnyDetector, &Frame<'_>) -> Result<Found, FrameError>,
 ) -> Result<Found> {
     let start = Instant::now();
-    let scaled = prepare(picture, request.profile, request.format);
-    let frame = Frame::new(scaled.format, scaled.width, scaled.height, &scaled.data).with_context(|| {
-        format!("{}x{} px, {}x{} at this profile", picture.width, picture.height, scaled.width, scaled.height)
+    let scaled = prepare(picture, request)?;
+    let frame = Frame::new(scaled.format, scaled.width, scaled.height, &scaled.data).map_err(|e| {
+        let (whole, at) = ((picture.width, picture.height), (scaled.width, scaled.height));
+        let told = format!("{}x{} px, {}x{} at this profile", whole.0, whole.1, at.0, at.1);
+        match request.region {
+            None => anyhow!(e).context(told),
+            Some(region) => Unsuitable(format!(
+                "--roi {region} of {told}: {e}; give a region that is less elongated, or a larger --profile"
+            ))
+            .into(),
+        }
     })?;
     let slot = slot % MAX_THREADS;
     let mut found = match request.profile {
@@ -439,7 +500,8 @@ fn in_profile(
         Profile::Qvga => work(&mut *lock(&QVGA[slot]), &frame),
         Profile::Qqvga => work(&mut *lock(&QQVGA[slot]), &frame),
     }?;
-    found.map_back(scaled.scale);
+    found.map_back(&scaled.to_picture);
+    (found.part, found.mirrored) = (scaled.part, request.mirror);
     found.total_ns = u64::try_from(start.elapsed().as_nanos()).unwrap_or(u64::MAX);
     Ok(found)
 }
@@ -447,4 +509,68 @@ fn in_profile(
 fn lock<T>(m: &Mutex<T>) -> MutexGuard<'_, T> {
     // A detector keeps nothing from frame to frame that a panic could damage.
     m.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A picture whose every sample is another one than its neighbours.
+    fn picture(kind: PixelFormat) -> Picture {
+        let bytes = (0u32..).map(|i| i.wrapping_mul(2_654_435_761).to_be_bytes()[0]);
+        let bytes: Vec<u8> = bytes.take(kind.bytes(64, 48)).collect();
+        let pixels = match kind {
+            PixelFormat::Rgb8 => Pixels::Rgb8(bytes),
+            PixelFormat::I420 => Pixels::I420(bytes),
+            _ => Pixels::Gray8(bytes),
+        };
+        Picture { width: 64, height: 48, pixels }
+    }
+
+    #[test]
+    fn a_place_in_what_is_searched_is_the_same_pixel_of_the_picture() {
+        let search = Request::new(Profile::Vga, 0.8);
+        for kind in [PixelFormat::Rgb8, PixelFormat::Gray8, PixelFormat::I420] {
+            let picture = picture(kind);
+            let whole = prepare(&picture, &search).expect("prepares");
+            for (roi, mirror) in [("10,6,30,20", false), ("10,6,30,20", true), ("0,0,100%,100%", true)] {
+                let request = Request { region: roi.parse().ok(), mirror, ..search };
+                let part = prepare(&picture, &request).expect("prepares");
+                let (n, w) = (kind.row_bytes(1), part.width);
+                for (x, y) in (0..part.height).flat_map(|y| (0..w).map(move |x| (x, y))) {
+                    let at = part.to_picture.apply([x as f32, y as f32]);
+                    assert_eq!(at.map(f32::fract), [0.0; 2], "whole px");
+                    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "places in the picture")]
+                    let [u, v] = at.map(|v| v as usize);
+                    let there = &whole.data[n * (v * 64 + u)..][..n];
+                    assert_eq!(&part.data[n * (y * w + x)..][..n], there, "{kind:?} {roi} {mirror}: {x}, {y}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn mirrored_chroma_stays_with_its_pixels() {
+        let picture = picture(PixelFormat::I420);
+        let search = Request { mirror: true, ..Request::new(Profile::Vga, 0.8) };
+        let (before, after) = (prepare(&picture, &Request { mirror: false, ..search }), prepare(&picture, &search));
+        let (before, after) = (before.expect("prepares"), after.expect("prepares"));
+        for plane in [64 * 48, 64 * 48 * 5 / 4] {
+            for (x, y) in (0..24).flat_map(|y| (0..32).map(move |x| (x, y))) {
+                assert_eq!(after.data[plane + 32 * y + x], before.data[plane + 32 * y + 31 - x], "{x}, {y}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_region_is_scaled_by_itself() {
+        let picture = Picture { width: 1920, height: 1080, pixels: Pixels::Gray8(vec![7; 1920 * 1080]) };
+        let search = Request::new(Profile::Vga, 0.8);
+        let of = |roi: &str| prepare(&picture, &Request { region: roi.parse().ok(), ..search }).expect("prepares");
+        let near = of("1000,500,640,480");
+        assert_eq!((near.width, near.height, near.to_picture.apply([0.0; 2])), (640, 480, [1000.0, 500.0]));
+        let half = of("600,100,1280,960");
+        // The first pixel is the mean of two by two.
+        assert_eq!((half.width, half.height, half.to_picture.apply([0.0; 2])), (640, 480, [600.5, 100.5]));
+    }
 }

@@ -41,6 +41,8 @@ impl ValueEnum for SensorFormat {
             PixelFormat::Nv12 => ("nv12", "4:2:0, a plane of Y, one of U and V in turn"),
             PixelFormat::I420 => ("i420", "4:2:0, planes of Y, U and V"),
             PixelFormat::Rgb565 => ("rgb565", "2 bytes a pixel, little endian, red in the top five bits"),
+            PixelFormat::Uyvy => ("uyvy", "4:2:2 packed, U Y V Y"),
+            PixelFormat::Rgb565Be => ("rgb565be", "rgb565, big endian"),
         };
         Some(PossibleValue::new(name).help(help))
     }
@@ -68,7 +70,7 @@ pub fn sense(
         [rgb[i], rgb[i + 1], rgb[i + 2]].map(i32::from)
     };
     let (w, h) = match to {
-        PixelFormat::Yuyv => (width & !1, height),
+        PixelFormat::Yuyv | PixelFormat::Uyvy => (width & !1, height),
         PixelFormat::Nv12 | PixelFormat::I420 => (width & !1, height & !1),
         _ => (width, height),
     };
@@ -76,29 +78,26 @@ pub fn sense(
     let lumas = || pixels().map(|(x, y)| luma(at(x, y)));
     let blocks = || (0..h / 2).flat_map(|y| (0..w / 2).map(move |x| (2 * x, 2 * y)));
     let block = |(x, y): (usize, usize)| chroma(&[at(x, y), at(x + 1, y), at(x, y + 1), at(x + 1, y + 1)]);
+    let yuv = |(x, y): (usize, usize)| [luma(at(x, y)), chroma(&[at(x & !1, y), at(x | 1, y)])[x & 1]];
+    let rgb565 = |(x, y): (usize, usize)| {
+        let [r, g, b] = at(x, y);
+        [(g >> 2 & 7) << 5 | b >> 3, r >> 3 << 3 | g >> 5].map(byte)
+    };
+    let swapped = |[a, b]: [u8; 2]| [b, a];
     let bytes = match to {
         PixelFormat::Rgb8 => rgb,
         PixelFormat::Gray8 => pixels()
             .map(|(x, y)| at(x, y))
             .map(|[r, g, b]| byte((4899 * r + 9617 * g + 1868 * b + 8192) >> 14))
             .collect(),
-        PixelFormat::Yuyv => pixels()
-            .flat_map(|(x, y)| {
-                let pair = chroma(&[at(x & !1, y), at(x | 1, y)]);
-                [luma(at(x, y)), pair[x & 1]]
-            })
-            .collect(),
+        PixelFormat::Yuyv => pixels().flat_map(yuv).collect(),
+        PixelFormat::Uyvy => pixels().map(yuv).flat_map(swapped).collect(),
         PixelFormat::Nv12 => lumas().chain(blocks().flat_map(block)).collect(),
         PixelFormat::I420 => {
             lumas().chain(blocks().map(|p| block(p)[0])).chain(blocks().map(|p| block(p)[1])).collect()
         }
-        PixelFormat::Rgb565 => pixels()
-            .map(|(x, y)| at(x, y))
-            .flat_map(|[r, g, b]| {
-                let (high, low) = (r >> 3 << 3 | g >> 5, (g >> 2 & 7) << 5 | b >> 3);
-                [byte(low), byte(high)]
-            })
-            .collect(),
+        PixelFormat::Rgb565 => pixels().flat_map(rgb565).collect(),
+        PixelFormat::Rgb565Be => pixels().map(rgb565).flat_map(swapped).collect(),
     };
     (w, h, bytes)
 }
@@ -164,7 +163,9 @@ mod tests {
         let red: Vec<u8> = [255, 0, 0].repeat(16 * 16);
         let start = |format| sense(PixelFormat::Rgb8, (16, 16), &red, format).2[..4].to_vec();
         assert_eq!(start(PixelFormat::Yuyv), [82, 90, 82, 240]);
+        assert_eq!(start(PixelFormat::Uyvy), [90, 82, 240, 82]);
         assert_eq!(start(PixelFormat::Rgb565), [0x00, 0xf8, 0x00, 0xf8]);
+        assert_eq!(start(PixelFormat::Rgb565Be), [0xf8, 0x00, 0xf8, 0x00]);
         assert_eq!(start(PixelFormat::Gray8), [76, 76, 76, 76]);
         assert_eq!(start(PixelFormat::I420), [82, 82, 82, 82]);
     }

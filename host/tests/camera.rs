@@ -52,6 +52,43 @@ fn lines_of_a_replay() {
     run.said(&["astronaut found"]);
 }
 
+/// Frames that are mirrored and searched in part, in px of the frames as they come.
+#[test]
+fn a_region_of_mirrored_frames() {
+    let folder = Folder::new("region");
+    let (astronaut, replay) = (model(&folder, "astronaut"), folder.join("frames"));
+    std::fs::create_dir(&replay).unwrap();
+    for frame in [0, 1] {
+        let mirrored = image::imageops::flip_horizontal(&program::pixels(&program::frame(frame)));
+        mirrored.save(replay.join(format!("{frame}.png"))).unwrap();
+    }
+    let replay = replay.to_str().unwrap();
+    let looking = |roi: &str| {
+        let camera = ["camera", "--replay", replay, "-m", &astronaut, "--json", "--frames", "4", "--mirror"];
+        keygraph(&[&camera[..], &["--roi", roi]].concat())
+    };
+    let run = looking("170,50,350,370").ended_with(0);
+    let mut found = 0;
+    for line in run.lines() {
+        assert_eq!(line["roi"], serde_json::json!([170, 50, 350, 370]), "{line}");
+        assert_eq!(line["mirror"], true, "{line}");
+        for detection in line["detections"].as_array().unwrap() {
+            // The tracker may have seen another of the two frames before.
+            let seen = outline(detection);
+            let error = |frame: u64| {
+                let truth = truth(frame, "astronaut", [512.0, 512.0]).unwrap().map(|[x, y]| [639.0 - x, y]);
+                corner_error(&seen, &truth)
+            };
+            let least = error(0).min(error(1));
+            assert!(least < 0.03, "the outline is off by {least} of its size: {line}");
+            found += 1;
+        }
+    }
+    assert!(found > 0, "nothing was found:\n{}", run.out);
+    let run = looking("600,0,100,100").ended_with(2).said(&["--roi 600,0,100,100 leaves", "640x480 px"]);
+    assert_eq!(run.out, "");
+}
+
 #[test]
 fn the_newest_frame_is_searched_and_the_others_are_counted() {
     let folder = Folder::new("newest");

@@ -84,17 +84,23 @@ fn draw(format: PixelFormat, w: usize, h: usize, pattern: Pattern) -> Option<Vec
     let data: Vec<u8> = match format {
         PixelFormat::Rgb8 => places().flat_map(|(x, y)| pattern(x, y)).collect(),
         PixelFormat::Gray8 => luma().collect(),
-        PixelFormat::Rgb565 => places()
+        PixelFormat::Rgb565 | PixelFormat::Rgb565Be => places()
             .flat_map(|(x, y)| {
                 let p = pattern(x, y);
                 [p[0], p[1]]
             })
             .collect(),
-        PixelFormat::Yuyv if odd_width => return None,
+        PixelFormat::Yuyv | PixelFormat::Uyvy if odd_width => return None,
         PixelFormat::Yuyv => places()
             .flat_map(|(x, y)| {
                 let p = pattern(x, y);
                 [p[0], p[1 + x % 2]]
+            })
+            .collect(),
+        PixelFormat::Uyvy => places()
+            .flat_map(|(x, y)| {
+                let p = pattern(x, y);
+                [p[1 + x % 2], p[0]]
             })
             .collect(),
         PixelFormat::Nv12 | PixelFormat::I420 if odd_width || odd_height => return None,

@@ -18,7 +18,7 @@ use crate::base::sort::sort;
 use crate::detect::light::{BLOCKS, Moments, agreement};
 use crate::detect::overlay::{Columns, Overlay, block_ranges, every, number};
 use crate::detect::verify::{CHROMA_NOISE, Products};
-use crate::image::frame::NO_CHROMA;
+use crate::image::pixels::NO_CHROMA;
 use crate::image::plane::{Plane, nearest};
 use crate::image::pyramid::{PyramidView, into_level, out_of_level};
 use crate::model::parse::Template;
@@ -327,8 +327,9 @@ fn chroma_correlation(view: &PyramidView<'_>, template: &Template<'_>, h: &Homog
 pub(crate) mod tests {
     use super::*;
     use crate::base::pace::Steady;
-    use crate::image::frame::{Frame, PixelFormat};
+    use crate::image::frame::Frame;
     use crate::image::halve::halve_luma;
+    use crate::image::pixels::PixelFormat;
     use crate::image::pyramid::{Pyramid, plane_bytes, reduce_all};
     use crate::model::format::template_bytes;
     use std::prelude::rust_2024::*;

@@ -359,7 +359,8 @@ mod tests {
     use crate::base::geometry::Point;
     use crate::extract::feature::{FeatureKind, Sampling, ZERO, extract};
     use crate::extract::keygraph::Scalene;
-    use crate::image::frame::{Frame, PixelFormat};
+    use crate::image::frame::Frame;
+    use crate::image::pixels::PixelFormat;
     use crate::image::pyramid::Pyramid;
     use crate::model::method::{Method, Parameters};
     use crate::model::preset::Preset;

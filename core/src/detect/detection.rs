@@ -64,6 +64,15 @@ impl Detection {
         }
     }
 
+    /// Returns the detection in px of a frame, where it is in px of a part of it. `to_frame` maps from
+    /// the part to the frame: [`Window::to_frame`](crate::Window::to_frame) for a window, and
+    /// [`Homography::scaling`] for a frame that was scaled.
+    #[must_use]
+    pub fn mapped(&self, to_frame: &Homography) -> Self {
+        let homography = to_frame.after(&self.homography).normalised();
+        Self { homography, corners: self.corners.map(|p| to_frame.apply(p)), ..*self }
+    }
+
     /// Creates a detection of an object of `model` without evidence.
     #[inline(never)]
     pub(crate) fn at(model: &Model<'_>, object: u16, homography: &Homography) -> Self {

@@ -18,7 +18,7 @@ use crate::detect::plan::{Depth, Plan, Scope, Wish};
 use crate::detect::scene::{Context, Scene, span, vertices};
 use crate::detect::search::{Place, Search};
 use crate::extract::corners::SCRATCH_ROWS;
-use crate::image::frame::{Frame, FrameError, Part};
+use crate::image::frame::{Frame, FrameError, Window};
 use crate::image::pyramid::{PyramidMut, PyramidView, to_level0};
 use crate::model::parse::Model;
 
@@ -168,7 +168,7 @@ impl<P: Profile + ?Sized> Detector<P> {
     pub(crate) fn load_luma(
         &mut self,
         frame: &Frame<'_>,
-        part: &Part,
+        part: Window,
         observer: &mut dyn Observer,
     ) -> Result<(), FrameError> {
         let limits = self.buffers.limits();

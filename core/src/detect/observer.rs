@@ -60,6 +60,7 @@ impl Tally {
     pub(super) const EMPTY: Self = Self { stats: Stats::EMPTY, high_water: [0; Buffer::COUNT] };
 
     /// Records that a buffer holds `held` elements.
+    #[inline(never)]
     pub(super) fn mark(&mut self, buffer: Buffer, held: usize) {
         let most = &mut self.high_water[buffer as usize];
         *most = (*most).max(count(held));

@@ -35,14 +35,14 @@ impl Tile {
         let (x, y) = (usize::from(i) % SIDE, usize::from(i) / SIDE);
         let part = |i: usize, length: usize| {
             let (step, lap) = (length / SIDE, length / SIDE / LAP);
-            let end = if i + 1 == SIDE { length } else { (i + 1) * step + lap };
-            (id((i * step).saturating_sub(lap)), id(end))
+            (id((i * step).saturating_sub(lap)), id(((i + 1) * step + lap).min(length)))
         };
         let ((x, right), (y, bottom)) = (y < SIDE).then(|| (part(x, width), part(y, height)))?;
         Some(Self { start: [x, y], end: [right, bottom] })
     }
 
     /// Whether the outlines of what has been found leave no room in the tile for anything else.
+    #[inline(never)]
     pub(crate) fn is_explained(&self, found: &Detections) -> bool {
         let at = |i: usize, d: usize| {
             let (start, end) = (f32::from(self.start[d]), f32::from(self.end[d]));

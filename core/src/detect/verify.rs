@@ -13,7 +13,7 @@
 use crate::base::capacity::LEVELS;
 use crate::base::geometry::Homography;
 use crate::base::math;
-use crate::image::frame::NO_CHROMA;
+use crate::image::pixels::NO_CHROMA;
 use crate::image::plane::{Plane, between, nearest};
 use crate::image::pyramid::{PyramidView, into_level, out_of_level};
 use crate::model::parse::Template;
@@ -247,8 +247,9 @@ pub fn likeness(
 mod tests {
     use super::*;
     use crate::base::pace::Steady;
-    use crate::image::frame::{Frame, PixelFormat};
+    use crate::image::frame::Frame;
     use crate::image::halve::{halve_chroma, halve_luma};
+    use crate::image::pixels::PixelFormat;
     use crate::image::pyramid::{Pyramid, plane_bytes, reduce_all};
     use crate::model::format::template_bytes;
     use std::prelude::rust_2024::*;

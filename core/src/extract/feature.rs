@@ -23,7 +23,7 @@
 use crate::base::capacity::{FEATURE_BYTES, LEVELS};
 use crate::base::geometry::Point;
 use crate::base::math::{self, VECTORS};
-use crate::image::frame::NO_CHROMA;
+use crate::image::pixels::NO_CHROMA;
 use crate::image::plane::nearest;
 use crate::image::pyramid::PyramidView;
 
@@ -382,7 +382,8 @@ fn byte(v: f32) -> u8 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::image::frame::{Frame, PixelFormat};
+    use crate::image::frame::Frame;
+    use crate::image::pixels::PixelFormat;
     use crate::image::pyramid::Pyramid;
 
     type Small = Pyramid<{ 64 * 64 * 2 }, { 32 * 32 * 2 }>;

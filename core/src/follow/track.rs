@@ -36,7 +36,7 @@ use crate::detect::detector::Detector;
 use crate::detect::observer::{Observer, Stats, passed};
 use crate::follow::instance::{State, Track};
 use crate::follow::sight::{Sight, follow};
-use crate::image::frame::{Frame, FrameError, MIN_SIDE, Part};
+use crate::image::frame::{Frame, FrameError, MIN_SIDE, Window};
 use crate::model::parse::Model;
 
 /// Maximum number of instances that are followed at once.
@@ -109,8 +109,8 @@ impl Tracker {
             detector.detect(frame, model, threshold, observer)?;
         } else {
             let part = self.part(frame, model);
-            corner = [&part.columns, &part.rows].map(|side| f32::from(id(side.start)));
-            detector.load_luma(frame, &part, observer)?;
+            corner = [part.x, part.y].map(|start| f32::from(id(start)));
+            detector.load_luma(frame, part, observer)?;
         }
         // The model may differ from the model of the frame before.
         self.tracks.retain(|t| usize::from(t.detection.object) < model.objects());
@@ -160,7 +160,7 @@ impl Tracker {
     /// Returns the part of a frame that may show the tracks. It holds the places where they were
     /// and where they are expected, with a margin of a quarter of their longer side. The margin is
     /// wider than `glance` searches.
-    fn part(&self, frame: &Frame<'_>, model: &Model<'_>) -> Part {
+    fn part(&self, frame: &Frame<'_>, model: &Model<'_>) -> Window {
         let mut reach = [[f32::MAX, f32::MIN]; 2];
         for t in self.tracks.iter().filter(|t| usize::from(t.detection.object) < model.objects()) {
             let o = model.object(usize::from(t.detection.object));
@@ -177,7 +177,8 @@ impl Tracker {
                 }
             }
         }
-        Part { columns: span(reach[0], frame.width()), rows: span(reach[1], frame.height()) }
+        let (columns, rows) = (span(reach[0], frame.width()), span(reach[1], frame.height()));
+        Window { x: columns.start, y: rows.start, width: columns.len(), height: rows.len() }
     }
 
     /// Follows every track. Returns true when a track that was seen in the frame before is not
@@ -322,7 +323,7 @@ mod tests {
     use super::*;
     use crate::detect::detector::{DEFAULT_THRESHOLD, QqvgaDetector};
     use crate::extract::feature::FeatureKind;
-    use crate::image::frame::PixelFormat;
+    use crate::image::pixels::PixelFormat;
     use crate::model::method::Method;
     use crate::model::train::{QqvgaTrainer, TrainParams};
     use crate::model::views::ViewSpec;

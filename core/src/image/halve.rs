@@ -6,7 +6,7 @@
 //!
 //! Memory: none. Cost: some two operations a byte.
 
-use crate::image::frame::NO_CHROMA;
+use crate::image::pixels::NO_CHROMA;
 
 /// A type that holds chroma in one byte.
 pub(crate) trait Byte: Copy {

@@ -4,6 +4,7 @@
 //! Rule: a view that exists is valid. Sizes are checked once, where a view is made.
 
 pub mod exposure;
+pub mod pixels;
 pub mod frame;
 pub mod shrink;
 pub mod plane;

@@ -11,7 +11,7 @@
 use crate::base::capacity::{LEVELS, pixels_of};
 use crate::base::geometry::{Homography, Point};
 use crate::base::pace::{Pace, Steady};
-use crate::image::frame::{Frame, FrameError, MAX_SIDE, Part};
+use crate::image::frame::{Frame, FrameError, MAX_SIDE, Window};
 use crate::image::halve::{halve_chroma, halve_luma};
 use crate::image::plane::Plane;
 
@@ -96,9 +96,9 @@ impl<'a> PyramidMut<'a> {
 
     /// Converts the luma of a part of a frame into level 0. The part must fit. The chroma planes
     /// keep their old bytes, which then mean nothing.
-    pub(crate) fn load_luma(&mut self, frame: &Frame<'_>, part: &Part) {
-        *self.size = [part.columns.len(), part.rows.len()];
-        frame.convert_luma_of(part, &mut self.luma[..part.columns.len() * part.rows.len()]);
+    pub(crate) fn load_luma(&mut self, frame: &Frame<'_>, part: Window) {
+        *self.size = [part.width, part.height];
+        frame.convert_luma_of(part, &mut self.luma[..part.width * part.height]);
     }
 
     /// Sets the size and returns level 0 for writing: luma, then both chroma planes. Returns `None`
@@ -268,7 +268,7 @@ pub fn to_level0(p: Point, level: usize) -> [f32; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::image::frame::{NO_CHROMA, PixelFormat};
+    use crate::image::pixels::{NO_CHROMA, PixelFormat};
 
     #[test]
     fn levels_are_means_of_the_level_below() {

@@ -15,7 +15,7 @@ use crate::base::capacity::id;
 use crate::base::says::says;
 use crate::extract::feature::{FeatureKind, NO_CHROMA_BYTE, sketch};
 use crate::extract::keygraph::{CELLS, COSTS, MAX_COST};
-use crate::image::frame::NO_CHROMA;
+use crate::image::pixels::NO_CHROMA;
 use crate::model::format::{
     Counts, ENTRY, KEYPOINT, Layout, OBJECT, SKETCH, START, Tier, Tiers, VERTICES, VIEW, object, sort_cell, vertices,
     view, write_header,

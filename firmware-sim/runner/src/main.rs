@@ -21,9 +21,9 @@ use keygraph_board::emulator::run;
 use keygraph_board::tables::Run;
 use keygraph_board::{baseline, sample};
 use keygraph_core::stages::digest::Digests;
-use keygraph_core::{Buffer, DEFAULT_THRESHOLD, Frame, MAGIC, Model, Stage, Stats};
+use keygraph_core::{Buffer, DEFAULT_THRESHOLD, Frame, Homography, MAGIC, Model, Stage, Stats};
 use keygraph_firmware_sim::learn::largest;
-use keygraph_firmware_sim::wire::{FrameHeader, Job, Report, instructions, ticks_of};
+use keygraph_firmware_sim::wire::{FORMATS, FrameHeader, Job, Report, instructions, ticks_of};
 use serde_json::{Value, json};
 
 /// Finds the objects of a model on an emulated board.
@@ -109,7 +109,8 @@ struct Shot {
     source: String,
     frame: u64,
     picture: Picture,
-    scale: [f32; 2],
+    /// The map from px of the board's frame to px of the picture.
+    to_picture: Homography,
     header: FrameHeader,
 }
 
@@ -222,7 +223,7 @@ fn searched(cli: &Cli, inputs: &[PathBuf]) -> Result<(bool, Option<Run>)> {
         stats.stopped = report.stopped != 0;
         let digests_told = (cli.digests || cli.check).then_some(digests);
         let mut found = Found { digests: digests_told, ..Found::new(detections.to_vec(), stats) };
-        found.map_back(shot.scale);
+        found.map_back(&shot.to_picture);
         if cli.check {
             fine &= agrees(cli, &model, shot, &digests)?;
         }
@@ -271,7 +272,7 @@ fn gather(cli: &Cli, inputs: &[PathBuf]) -> Result<(Vec<Shot>, Vec<u8>, bool)> {
     for item in Source::open(inputs)? {
         let (source, frame) = (item.source, item.frame);
         let taken = item.picture.and_then(|picture| {
-            let scaled = prepare(&picture, host_profile(cli.profile), Some(cli.format.0));
+            let scaled = prepare(&picture, &cli.request())?;
             Frame::new(scaled.format, scaled.width, scaled.height, &scaled.data).with_context(|| source.clone())?;
             let limit = 2 * cli.profile_pixels();
             ensure!(
@@ -279,14 +280,18 @@ fn gather(cli: &Cli, inputs: &[PathBuf]) -> Result<(Vec<Shot>, Vec<u8>, bool)> {
                 "a frame in this format takes {} bytes, the board's buffer has {limit}: use yuyv, rgb565, nv12, i420 or gray8",
                 scaled.data.len()
             );
+            ensure!(
+                FORMATS.contains(&scaled.format),
+                "the firmware has no room for the code of this format: use yuyv, rgb565, nv12, i420 or gray8"
+            );
             let header = FrameHeader { format: scaled.format, size: [scaled.width as u32, scaled.height as u32] };
             header.encode().iter().for_each(|w| frames.extend(w.to_le_bytes()));
             frames.extend_from_slice(&scaled.data);
-            let scale = scaled.scale;
-            Ok((picture, scale, header))
+            let to_picture = scaled.to_picture;
+            Ok((picture, to_picture, header))
         });
         match taken {
-            Ok((picture, scale, header)) => shots.push(Shot { source, frame, picture, scale, header }),
+            Ok((picture, to_picture, header)) => shots.push(Shot { source, frame, picture, to_picture, header }),
             Err(e) => {
                 fine = false;
                 eprintln!("board: {e:#}");
@@ -312,6 +317,11 @@ fn gather(cli: &Cli, inputs: &[PathBuf]) -> Result<(Vec<Shot>, Vec<u8>, bool)> {
 impl Cli {
     fn hard_frames(&self, all: bool) -> Result<Vec<PathBuf>> {
         sample::hard_frames(host_profile(self.profile).limits(), all)
+    }
+
+    /// The search of the board, for this machine.
+    const fn request(&self) -> Request {
+        Request { format: Some(self.format.0), ..Request::new(host_profile(self.profile), self.threshold) }
     }
 
     const fn profile_pixels(&self) -> usize {
@@ -342,8 +352,7 @@ fn read_learnt(words: &mut impl Iterator<Item = u32>, shot: &Shot) -> Option<(Va
 
 /// Searches the frame on this machine too, and returns whether all digests are equal.
 fn agrees(cli: &Cli, model: &Model<'_>, shot: &Shot, board: &Digests) -> Result<bool> {
-    let request =
-        Request { format: Some(cli.format.0), digests: true, ..Request::new(host_profile(cli.profile), cli.threshold) };
+    let request = Request { digests: true, ..cli.request() };
     let host = search_for(&shot.picture, model, &request, 0)?.digests.context("digests were asked for")?;
     let differs = Stage::ALL.into_iter().find(|&s| host.of(s) != board.of(s));
     if let Some(stage) = differs {

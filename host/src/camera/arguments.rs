@@ -12,6 +12,7 @@ use tracing::level_filters::LevelFilter;
 use super::cutout::{Outline, parse_outline};
 use super::guard::parse_public;
 use super::mode::Format;
+use crate::region::Look;
 use crate::search::{Profile, parse_budget, parse_share, parse_threshold};
 
 /// The default address of the page.
@@ -115,6 +116,9 @@ pub struct Arguments {
     /// Search all of a frame for all of the models whenever it is searched
     #[arg(long)]
     pub thorough: bool,
+    /// Which pixels of a frame are searched.
+    #[command(flatten)]
+    pub look: Look,
     /// Serve a page that shows what the camera sees: HOST:PORT, or a port of this machine alone
     /// [default address: 127.0.0.1:8080]
     #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = USUAL_ADDRESS, value_parser = place)]

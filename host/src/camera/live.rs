@@ -27,6 +27,7 @@ use super::shot::{Shot, Work};
 use super::slot::{Slot, Taken};
 use super::tally::Tally;
 use super::tracker::{State, states};
+use crate::region::Unsuitable;
 use crate::report::{frame_line, rounded};
 use crate::search::{Found, Request};
 use crate::trail::Trail;
@@ -163,11 +164,12 @@ type Sequence = (u64, (u32, u32), u32);
 /// the current threshold, and reports details while a viewer wants them.
 ///
 /// # Errors
-/// The error that `each` returned.
+/// The error that `each` returned; [`Unsuitable`] when the region does not suit the first frame.
 pub fn search_frames(live: &Live, wanted: Request, mut each: impl FnMut(&Outcome) -> Result<bool>) -> Result<()> {
     let mut rate = Rate::default();
     let mut trail = Trail::default();
     let (repeated, mut failures) = (Repeated::default(), 0);
+    let mut suits = false;
     loop {
         let merged = live.models.merged();
         // The model is parsed once for each change, not for each frame: that reads all of it.
@@ -184,6 +186,8 @@ pub fn search_frames(live: &Live, wanted: Request, mut each: impl FnMut(&Outcome
             let request = Request { details, threshold: live.threshold(), ..wanted };
             let found = match look_at(&captured, model.as_ref(), merged.generation, &mut trail, &request) {
                 Ok(found) => found,
+                // A camera that was replaced by one with smaller frames does not end the program.
+                Err(error) if error.is::<Unsuitable>() && !suits => return Err(error),
                 Err(error) => {
                     if let Some(told) = repeated.note(&format!("{error:#}"), Instant::now()) {
                         tracing::error!("{}, frame {}: {told}", live.source, captured.number);
@@ -193,7 +197,7 @@ pub fn search_frames(live: &Live, wanted: Request, mut each: impl FnMut(&Outcome
                     continue;
                 }
             };
-            failures = 0;
+            (failures, suits) = (0, true);
             let time = start.elapsed();
             let searched = found.as_ref().and_then(|f| f.tracking.as_ref()).is_some_and(|t| t.searched);
             live.tally.frame(found.as_ref().map_or(0, |f| f.detections.len()), searched.then_some(time));

@@ -112,6 +112,7 @@ pub struct Captured {
 ///
 /// # Errors
 /// When a model or the source cannot be read, or the page's address cannot be bound.
+/// [`Unsuitable`](crate::region::Unsuitable) when the region does not suit the first frame.
 pub fn camera(arguments: &Arguments) -> Result<()> {
     log_to_standard_error(arguments.log);
     if arguments.list {
@@ -142,6 +143,8 @@ pub fn camera(arguments: &Arguments) -> Result<()> {
         depth: if arguments.thorough { Depth::Thorough } else { Depth::Usual },
         budget: arguments.budget_ms,
         min_visible: arguments.min_visible,
+        region: arguments.look.roi,
+        mirror: arguments.look.mirror,
         ..Request::new(arguments.profile, arguments.threshold)
     };
     let searched = search_frames(&live, wanted, |outcome| {

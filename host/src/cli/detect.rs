@@ -1,18 +1,19 @@
 //! `keygraph detect`: objects in pictures, folders, videos or a stream.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
 
 use anyhow::Result;
 use clap::error::ErrorKind;
 use keygraph::gallery::Gallery;
-use keygraph::input::Source;
-use keygraph::output::{Inputs, plain_lines, print_line};
+use keygraph::input::{Kind, Source, read_picture};
+use keygraph::output::{Inputs, plain, plain_lines, print_line};
 use keygraph::pose::{Calibration, Width, parse_intrinsics};
 use keygraph::progress::Progress;
+use keygraph::region::{Look, Unsuitable};
 use keygraph::run::{Options, run as search_all};
-use keygraph::search::{Profile, Request, parse_budget, parse_share, parse_threshold};
+use keygraph::search::{Profile, Request, parse_budget, parse_share, parse_threshold, search_for};
 use keygraph::sensor::SensorFormat;
 use keygraph::{report, words};
 use keygraph_core::{DEFAULT_THRESHOLD, Depth, Intrinsics, Model};
@@ -60,6 +61,8 @@ pub struct Arguments {
     /// ones, and each of very many objects; takes about five times as long
     #[arg(long)]
     thorough: bool,
+    #[command(flatten)]
+    look: Look,
     /// Convert frames to the format of a camera's sensor before they are searched
     #[arg(long, value_enum, value_name = "FORMAT")]
     format: Option<SensorFormat>,
@@ -72,7 +75,7 @@ pub struct Arguments {
     track: bool,
     /// The camera's focal lengths and principal point, px of the input: reports the
     /// pose of each object
-    #[arg(long, value_name = "FX,FY,CX,CY", requires = "width_mm", value_parser = parse_intrinsics, allow_hyphen_values = true)]
+    #[arg(long, value_name = "FX,FY,CX,CY", requires = "width_mm", conflicts_with = "mirror", value_parser = parse_intrinsics, allow_hyphen_values = true)]
     intrinsics: Option<Intrinsics>,
     /// True width of every object, mm, or of the object NAME; may be repeated
     #[arg(long, value_name = "[NAME=]W", requires = "intrinsics", allow_hyphen_values = true)]
@@ -107,6 +110,8 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode> {
             budget: arguments.budget_ms,
             min_visible: arguments.min_visible,
             all_names: arguments.all_names,
+            region: arguments.look.roi,
+            mirror: arguments.look.mirror,
             format: arguments.format.map(|f| f.0),
             depth: if arguments.thorough { Depth::Thorough } else { Depth::Usual },
             digests: arguments.digests,
@@ -122,9 +127,13 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode> {
     let mut gallery = arguments.annotate.as_deref().map(|path| Gallery::new(path, Inputs::of(read))).transpose()?;
     let progress = Progress::new(source.len_hint(), "frames");
     let mut failed = false;
-    search_all(&mut source, &model, &options, |outcome| {
+    // The first picture in which nothing was found, while nothing was found in any.
+    let mut empty = Some(None);
+    let searched = search_all(&mut source, &model, &options, |outcome| {
         progress.tick();
         match outcome.result {
+            // All frames have this region: there is no use in going on.
+            Err(e) if e.is::<Unsuitable>() => return Err(e),
             Err(e) => {
                 failed = true;
                 progress.print(&format!("keygraph: {}", plain_lines(&format!("{e:#}"))));
@@ -134,6 +143,11 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode> {
                 }
             }
             Ok(s) => {
+                if !s.found.detections.is_empty() || matches!(outcome.kind, Kind::Video { .. }) {
+                    empty = None;
+                } else if let Some(first) = &mut empty {
+                    first.get_or_insert_with(|| outcome.source.clone());
+                }
                 let line = if arguments.json {
                     report::frame_line(&outcome.source, outcome.frame, s.size, &model, &s.found, s.poses.as_deref())
                         .to_string()
@@ -147,8 +161,28 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode> {
             }
         }
         Ok(())
-    })?;
+    });
     progress.finish();
+    if let Err(e) = searched {
+        drop(gallery);
+        return if e.is::<Unsuitable>() { usage_error(ErrorKind::ValueValidation, format!("{e:#}")) } else { Err(e) };
+    }
     gallery.map_or(Ok(()), Gallery::finish)?;
+    if let Some(Some(name)) = empty
+        && !arguments.track
+    {
+        hint_at_mirror(&name, &model, &options.request);
+    }
     Ok(if failed { ExitCode::FAILURE } else { ExitCode::SUCCESS })
+}
+
+/// Says so when the other `--mirror` finds an object in a picture in which nothing was found. It costs
+/// one search for the whole run.
+fn hint_at_mirror(name: &str, model: &Model<'_>, request: &Request) {
+    let other = Request { mirror: !request.mirror, details: false, digests: false, ..*request };
+    let found = read_picture(Path::new(name)).and_then(|picture| search_for(&picture, model, &other, 0));
+    if found.is_ok_and(|f| !f.detections.is_empty()) {
+        let (how, advice) = if other.mirror { ("", "use") } else { ("not ", "leave out") };
+        eprintln!("keygraph: {}: found when {how}mirrored: {advice} --mirror", plain(name));
+    }
 }
