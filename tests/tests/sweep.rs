@@ -215,6 +215,12 @@ fn small_objects_in_a_crowd_are_found_in_tiles() {
     let frame = scene.expose(&MILD, &mut random);
     let once = detections(&frame, &model, Profile::Vga, Depth::Once);
     let seen = detections(&frame, &model, Profile::Vga, Depth::Usual);
+    // Details are of the whole frame, and not of the last tile.
+    let request = Request { details: true, ..Request::new(Profile::Vga, DEFAULT_THRESHOLD) };
+    let shown = search_for(&frame, &model, &request, 0).unwrap();
+    assert_eq!(shown.detections, seen);
+    assert!(shown.corners.iter().any(|p| p[0] < 200.0) && shown.corners.iter().any(|p| p[0] > 440.0));
+    assert!(shown.supporters.iter().any(|s| !s.is_empty()));
     let right = |found: &[Detection]| truth.iter().filter(|t| found.iter().filter(|d| is(d, t)).count() == 1).count();
     println!("of 40, {} are found at once and {} in tiles", right(&once), right(&seen));
     assert!(right(&once) < 30, "the test shows nothing");

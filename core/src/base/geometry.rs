@@ -125,6 +125,7 @@ impl Homography {
 
     /// Returns the image of `p`. The result is not finite when the map sends `p` to infinity.
     #[must_use]
+    #[cfg_attr(not(feature = "dispatch"), inline(never))]
     pub fn apply(&self, [x, y]: [f32; 2]) -> [f32; 2] {
         let h = &self.0;
         let w = h[6] * x + h[7] * y + h[8];

@@ -162,6 +162,11 @@ impl Plan {
         }
     }
 
+    /// Maximum number of corners of a tile, in thirds of that of the whole frame.
+    pub(crate) const fn thirds_of_corners(&self) -> usize {
+        if self.is_thorough() { 3 } else { 1 }
+    }
+
     /// Minimum share of an object that must be seen.
     pub(crate) const fn visible(&self) -> f32 {
         self.wish.visible

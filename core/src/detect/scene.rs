@@ -17,7 +17,7 @@ use crate::base::pace::Pace;
 use crate::detect::detection::{Detection, is_inside};
 use crate::detect::finder::Finder;
 use crate::detect::observer::{Laps, Output, Tally};
-use crate::detect::tile::{Tile, corners_of_tile};
+use crate::detect::tile::Tile;
 use crate::extract::corners::Corner;
 use crate::extract::delaunay::Triple;
 use crate::extract::feature::{Feature, extract};
@@ -69,10 +69,15 @@ pub(crate) struct Scene<'a> {
 
 impl Scene<'_> {
     /// Finds the keygraphs of a level. In a tile, corners in the outlines of what was `found` are left
-    /// out.
-    pub(crate) fn find_level(&mut self, level: u8, found: &[Detection], context: &mut Context<'_, '_>) {
+    /// out, and the number of corners is at most `thirds` of that of a whole frame.
+    pub(crate) fn find_level(
+        &mut self,
+        level: u8,
+        (found, thirds): (&[Detection], usize),
+        context: &mut Context<'_, '_>,
+    ) {
         let level = usize::from(level);
-        self.find_keypoints(level, found, context);
+        self.find_keypoints(level, (found, thirds), context);
         context.laps.end(context.tally, Output::Corners(&self.points[span(self.spans, level)]));
         self.find_triples(level, context);
         context.laps.end(context.tally, Output::Triangles(self.triples));
@@ -82,7 +87,7 @@ impl Scene<'_> {
     }
 
     #[inline(never)]
-    fn find_keypoints(&mut self, level: usize, found: &[Detection], context: &mut Context<'_, '_>) {
+    fn find_keypoints(&mut self, level: usize, (found, thirds): (&[Detection], usize), context: &mut Context<'_, '_>) {
         self.corners.clear();
         let (start, tally) = (self.points.len(), &mut *context.tally);
         let whole = self.pyramid.luma(level);
@@ -95,11 +100,15 @@ impl Scene<'_> {
             let mut room = self.points.capacity() - self.points.len();
             let mut explained: &[Detection] = &[];
             if self.tile.is_some() {
-                room = room.min(corners_of_tile(context.model.method().parameters().corner_limits[level]));
+                room = room.min(context.model.method().parameters().corner_limits[level] * thirds / 3);
                 explained = found;
             }
             let points = self.corners.iter().map(|c| c.point.moved(origin));
-            self.points.extend(points.filter(|&p| !is_inside(explained, to_level0(p, level))).take(room));
+            let mut is_new = |p: &Point| {
+                context.laps.goes_on();
+                !is_inside(explained, to_level0(*p, level))
+            };
+            self.points.extend(points.filter(|p| is_new(p)).take(room));
             // Keypoints that do not fit, or are explained, are counted as dropped.
             let lost = count(self.corners.len() - (self.points.len() - start));
             stats.kept = stats.kept.saturating_sub(lost);

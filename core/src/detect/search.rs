@@ -154,7 +154,8 @@ impl Search<'_, '_> {
         let step = || plan.step(usize::from(at.round), usize::from(at.step));
         at.next = match at.next {
             Piece::Level(level) => {
-                self.scene.find_level(level, &self.findings.detections, &mut self.context);
+                let found = (&self.findings.detections[..], plan.thirds_of_corners());
+                self.scene.find_level(level, found, &mut self.context);
                 let more = level != FINEST && usize::from(level) + 1 < LEVELS;
                 if more { Piece::Level(level + 1) } else { Piece::Features }
             }
@@ -232,7 +233,7 @@ impl Search<'_, '_> {
     /// Takes up the next tile in which something may be found, or the same one again while something
     /// new is found in it.
     #[inline(never)]
-    fn next_tile(&self, plan: &Plan, at: &mut Place) -> Option<Tile> {
+    fn next_tile(&mut self, plan: &Plan, at: &mut Place) -> Option<Tile> {
         let found = &self.findings.detections;
         if self.context.laps.stopped || (at.tiles == 0 && !plan.wants_tiles(found.len())) {
             return None;
@@ -242,7 +243,7 @@ impl Search<'_, '_> {
         at.tiles += u8::from(!again);
         loop {
             let tile = at.tile(&self.scene.pyramid)?;
-            if !tile.is_explained(found) {
+            if !tile.is_explained(found, self.context.laps) {
                 return Some(tile);
             }
             at.tiles += 1;

@@ -18,7 +18,7 @@
 //! [`STAY`] of the threshold is enough, so that an instance that is half hidden does not flicker.
 //! An instance that can neither be followed nor found is reported as lost.
 //!
-//! Memory: some 3 KB in [`Tracker`], beside the detector, whose buffers it uses. Cost: conversion
+//! Memory: some 11 KB in [`Tracker`], beside the detector, whose buffers it uses. Cost: conversion
 //! and pyramid of that part of luma, and some 50,000 bilinear samples for each track, a third more
 //! on targets without vectors. Full: beyond [`TRACKS`] instances, those that have been lost longest
 //! make room. When none is lost, a new instance is dropped and counted.
@@ -39,8 +39,8 @@ use crate::follow::sight::{Sight, follow};
 use crate::image::frame::{Frame, FrameError, MIN_SIDE, Window};
 use crate::model::parse::Model;
 
-/// Maximum number of instances that are followed at once.
-pub const TRACKS: usize = 16;
+/// Maximum number of instances that are followed at once: as many as a frame holds.
+pub const TRACKS: usize = DETECTIONS;
 
 /// Number of frames from one search to the next while every instance is followed for sure. With a
 /// smaller number new instances appear sooner, at the cost of a search each.
