@@ -57,8 +57,9 @@ pub struct Arguments {
     all_names: bool,
     #[command(flatten)]
     threads: Threads,
-    /// Search all of each frame for all of the models: finds small copies beside large
-    /// ones, and each of very many objects; takes about five times as long
+    /// Search all of each frame for all of the models, and again in tiles: finds small objects, small
+    /// copies beside large ones, and each of very many objects; takes three times as long as a frame
+    /// that shows nothing
     #[arg(long)]
     thorough: bool,
     #[command(flatten)]
