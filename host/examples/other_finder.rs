@@ -57,8 +57,9 @@ const NEIGHBOURS: usize = 8;
 struct FastNeighbours;
 
 impl Finder for FastNeighbours {
-    /// Gives the keypoints of one level of the pyramid; called once for each level, full size
-    /// first. Positions are in 1/16 px of that level, and never negative.
+    /// Gives the keypoints of one level of the pyramid; the levels above the finest come
+    /// first. In a crowd it is called again for each tile of a level. Positions are in 1/16 px from the first
+    /// pixel of `luma`, and never negative.
     fn keypoints(
         &mut self,
         luma: Plane<'_, u8>,

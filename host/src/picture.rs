@@ -42,7 +42,26 @@ pub struct Picture {
     pub pixels: Pixels,
 }
 
+/// Mirrors rows of `width` px of `N` bytes each left to right.
+pub fn mirror_rows<const N: usize>(bytes: &mut [u8], width: usize) {
+    bytes.chunks_exact_mut(N * width).for_each(|row| row.as_chunks_mut::<N>().0.reverse());
+}
+
 impl Picture {
+    /// Mirrors the picture left to right.
+    pub fn mirror(&mut self) {
+        let (w, n) = (self.width as usize, self.width as usize * self.height as usize);
+        match &mut self.pixels {
+            Pixels::Rgb8(rgb) => mirror_rows::<3>(rgb, w),
+            Pixels::Gray8(gray) => mirror_rows::<1>(gray, w),
+            Pixels::I420(planes) => {
+                let (luma, chroma) = planes.split_at_mut(n);
+                mirror_rows::<1>(luma, w);
+                mirror_rows::<1>(chroma, w / 2);
+            }
+        }
+    }
+
     /// A copy of a part of the picture, which must lie within it. With [`Pixels::I420`], the part has
     /// even places and sides.
     #[must_use]

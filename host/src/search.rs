@@ -18,7 +18,7 @@ use keygraph_core::{
 };
 
 use crate::input::{Picture, Pixels};
-use crate::picture::Part;
+use crate::picture::{Part, mirror_rows};
 use crate::region::{Region, Unsuitable};
 use crate::sensor::sense;
 
@@ -84,12 +84,13 @@ impl Scaled<'_> {
         let (w, n) = (self.width, self.width * self.height);
         let bytes = self.data.to_mut();
         match self.format {
-            PixelFormat::Rgb8 => bytes.chunks_exact_mut(3 * w).for_each(|row| row.as_chunks_mut::<3>().0.reverse()),
+            PixelFormat::Rgb8 => mirror_rows::<3>(bytes, w),
             PixelFormat::I420 => {
                 let (luma, chroma) = bytes.split_at_mut(n);
-                luma.chunks_exact_mut(w).chain(chroma.chunks_exact_mut(w / 2)).for_each(<[u8]>::reverse);
+                mirror_rows::<1>(luma, w);
+                mirror_rows::<1>(chroma, w / 2);
             }
-            _ => bytes.chunks_exact_mut(w).for_each(<[u8]>::reverse),
+            _ => mirror_rows::<1>(bytes, w),
         }
         let last = w.saturating_sub(1) as f32;
         self.to_picture = self.to_picture.after(&Homography::affine([-1.0, 0.0, last, 0.0, 1.0, 0.0]));
@@ -379,25 +380,26 @@ fn search_frame(
         detections.sort_by(|a, b| b.score.total_cmp(&a.score));
     }
     let found = Found { rivals: rivals_of(detector, &detections), ..Found::new(detections, *detector.stats()) };
-    let mut found = Found { digests: watch.digests, high_water: *detector.high_water(), ..found };
+    let mut found = Found { digests: watch.digests.take(), high_water: *detector.high_water(), ..found };
     if request.details {
-        show_all_of(detector, frame, model, request)?;
+        show_all_of(detector, frame, model, (request, &watch))?;
         found.add_details(detector, model);
     }
     Ok(found)
 }
 
-/// After a search in tiles, searches the frame once more as a whole: the corners and triangles of the
-/// detector are then those of the whole frame.
+/// After a search in tiles, searches the frame once more as a whole, in what is left of the budget: the
+/// corners and triangles of the detector are then those of the whole frame.
 fn show_all_of(
     detector: &mut AnyDetector,
     frame: &Frame<'_>,
     model: &Model<'_>,
-    request: &Request,
+    (request, spent): (&Request, &Watch),
 ) -> Result<(), FrameError> {
     if detector.stats().tiles > 0 {
         detector.set_depth(Depth::Once);
-        detector.detect(frame, model, request.threshold, &mut Watch::new(request))?;
+        let mut watch = Watch { start: spent.start, budget: spent.budget, digests: None };
+        detector.detect(frame, model, request.threshold, &mut watch)?;
     }
     Ok(())
 }
@@ -425,7 +427,7 @@ fn follow_frame(
         found.rivals = rivals_of(detector, &found.detections);
     }
     if request.details {
-        show_all_of(detector, frame, model, request)?;
+        show_all_of(detector, frame, model, (request, &watch))?;
         found.add_details(detector, model);
     }
     let seen = seen.iter().map(|t| (t.id, t.state)).collect();

@@ -151,6 +151,21 @@ pub(crate) fn name(detections: &mut Detections, pace: &mut dyn Pace) -> usize {
     named
 }
 
+/// The detections that no one before them in the list rivals: one for each place.
+pub(crate) fn places<'a>(detections: &'a Detections, pace: &'a mut dyn Pace) -> impl Iterator<Item = &'a Detection> {
+    detections
+        .iter()
+        .enumerate()
+        .filter(move |(i, d)| {
+            let mut is_rival = |other: &Detection| {
+                pace.goes_on();
+                other.is_rival(d)
+            };
+            !detections[..*i].iter().any(is_rival)
+        })
+        .map(|(_, d)| d)
+}
+
 /// Makes the votes that agree with a detection supporters. Other votes for an object that lie in
 /// the outline of one of its detections are removed.
 #[inline(never)]

@@ -17,10 +17,12 @@ use crate::model::method::Parameters;
 
 /// Finds keypoints and triples in a frame. An implementation can replace our corners and their
 /// triangulation. The search asks for the levels above the finest first. It asks for the finest
-/// level only when the other levels leave doubts. It stops when `pace` says so, and keeps what it
-/// has.
+/// level only when the other levels leave doubts. In a crowd it asks again for each tile of the frame
+/// ([`Depth`](crate::Depth)): who can only give keypoints of whole levels sets
+/// [`Depth::Once`](crate::Depth::Once). It stops when `pace` says so, and keeps what it has.
 pub trait Finder {
-    /// Appends the keypoints of pyramid level `level` to `out`, in px of that level. `out` is empty
+    /// Appends the keypoints of `luma` to `out`. `luma` is pyramid level `level`, or a tile of it, and
+    /// keypoints are in px from its first pixel. `out` is empty
     /// at the call. The best come first: keypoints that do not fit are lost.
     fn keypoints(
         &mut self,

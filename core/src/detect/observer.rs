@@ -1,7 +1,7 @@
 //! Observation of the stages: what each stage made of a frame, how much, and in what time.
 //!
 //! In: the outputs of the stages. Out: [`Stats`], and calls of an [`Observer`]. Memory: a
-//! reference; [`Stats`] has 232 bytes. Cost: two readings of the clock for each output.
+//! reference; [`Stats`] has 224 bytes. Cost: two readings of the clock for each output.
 
 use crate::base::capacity::{Buffer, Stage, StageStats, count};
 use crate::base::geometry::Point;
@@ -24,7 +24,7 @@ pub struct Stats {
     pub stages: [StageStats; Stage::COUNT],
     /// Clock ticks of each stage, in the order of [`Stage::ALL`].
     pub ticks: [u64; Stage::COUNT],
-    /// Number of tiles in which the frame was searched again, [`Depth::Usual`](crate::Depth::Usual).
+    /// Number of times that a tile of the frame was searched, [`Depth::Usual`](crate::Depth::Usual).
     pub tiles: u8,
     /// Whether the search was told to stop, [`Observer::goes_on`], and is not complete.
     pub stopped: bool,

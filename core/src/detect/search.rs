@@ -235,7 +235,11 @@ impl Search<'_, '_> {
     #[inline(never)]
     fn next_tile(&mut self, plan: &Plan, at: &mut Place) -> Option<Tile> {
         let found = &self.findings.detections;
-        if self.context.laps.stopped || (at.tiles == 0 && !plan.wants_tiles(found.len())) {
+        // Several names for one place are one instance.
+        if at.tiles == 0 && !plan.wants_tiles(evidence::places(found, self.context.laps).count()) {
+            return None;
+        }
+        if self.context.laps.stopped {
             return None;
         }
         let again = at.tiles > 0 && found.len() > usize::from(at.before);
@@ -267,22 +271,23 @@ impl Search<'_, '_> {
 
     /// Whether a step is to be taken. `open` is the weight of the heaviest candidate that the last
     /// decision left open.
-    fn is_wanted(&self, step: &Step, open: Option<u32>) -> bool {
+    fn is_wanted(&mut self, step: &Step, open: Option<u32>) -> bool {
         let found = &self.findings.detections;
         let sought = |d: &Detection| step.tier.object().is_none_or(|o| o == d.object);
-        let in_doubt = |weight| !found.iter().any(sought) || open.is_some_and(|open| open >= weight);
+        let is_doubtful = |weight| !found.iter().any(sought) || open.is_some_and(|open| open >= weight);
         match step.when {
             When::Always => true,
-            // What has been found is outside the tile, and says nothing of it.
+            // What has been found elsewhere says nothing of a tile.
             _ if self.scene.tile.is_some() => true,
-            When::InDoubt(weight) => in_doubt(weight),
-            When::InDoubtOrOpen(weight) => in_doubt(weight) || self.is_open(),
+            When::InDoubt(weight) => is_doubtful(weight),
+            When::InDoubtOrOpen(weight) => is_doubtful(weight) || self.is_open(),
         }
     }
 
     /// Whether the detections cover less than a sixth of the frame.
-    fn is_open(&self) -> bool {
-        let covered: f32 = self.findings.detections.iter().map(|d| area(&d.corners).abs()).sum();
+    fn is_open(&mut self) -> bool {
+        let found = evidence::places(&self.findings.detections, self.context.laps);
+        let covered: f32 = found.map(|d| area(&d.corners).abs()).sum();
         6.0 * covered < (self.scene.pyramid.width() * self.scene.pyramid.height()) as f32
     }
 

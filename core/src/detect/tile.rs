@@ -57,8 +57,8 @@ impl Tile {
         points.filter(|p| is_open(p)).count() < OPEN
     }
 
-    #[inline(never)]
     /// The tile in a pyramid level, and the position of its first pixel.
+    #[inline(never)]
     pub(crate) fn in_level<'a>(&self, plane: Plane<'a, u8>, level: usize) -> (Plane<'a, u8>, Point) {
         let [start, end] = [self.start, self.end].map(|p| p.map(|v| v >> level));
         let size = [0, 1].map(|i| usize::from(end[i] - start[i]));

@@ -17,7 +17,7 @@ use super::cutout::{Outline, cut_out};
 use crate::input::Picture;
 use crate::learn::{Preset, has_colour, train_within};
 use crate::output::{check_name, write_file};
-use crate::search::{Profile, search};
+use crate::search::{Profile, Request, search_for};
 
 /// How much a model holds, and whether it has chroma.
 #[derive(Clone, Debug)]
@@ -28,12 +28,14 @@ pub struct Plan {
     pub bytes: usize,
     /// Whether to train on luma alone, for cameras without colour.
     pub luma: bool,
+    /// Whether frames are mirrored left to right: the object is then learned as it is.
+    pub mirror: bool,
 }
 
 impl Default for Plan {
     /// The preset with the most keygraphs, with luma and chroma.
     fn default() -> Self {
-        Self { preset: Preset::Large, bytes: Preset::Large.bytes(), luma: false }
+        Self { preset: Preset::Large, bytes: Preset::Large.bytes(), luma: false, mirror: false }
     }
 }
 
@@ -90,13 +92,17 @@ pub fn learn(frame: &Picture, outline: &Outline, name: &str, plan: &Plan) -> Res
     let name = name.trim();
     ensure!(!name.is_empty() && name.len() <= NAME_BYTES, "give the object a name of 1 to {NAME_BYTES} bytes");
     check_name(name)?;
-    let picture = cut_out(frame, outline)?;
+    let mut picture = cut_out(frame, outline)?;
+    if plan.mirror {
+        picture.mirror();
+    }
     ensure!(
         plan.preset != Preset::Paper || plan.luma || has_colour(&picture),
         "the object has no colour, which the paper's features are made of: use another preset"
     );
     let (model, trained) = train_within(&picture, name, plan.preset, plan.luma, plan.bytes)?;
-    let own = search(frame, &Model::parse(&model)?, Profile::Vga, DEFAULT_THRESHOLD, false, 1)?;
+    let request = Request { mirror: plan.mirror, ..Request::new(Profile::Vga, DEFAULT_THRESHOLD) };
+    let own = search_for(frame, &Model::parse(&model)?, &request, 1)?;
     let found = own.detections.first().map(|d| d.score);
     Ok(Learned { name: name.to_string(), picture, model, trained, found })
 }
@@ -104,7 +110,7 @@ pub fn learn(frame: &Picture, outline: &Outline, name: &str, plan: &Plan) -> Res
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::input::Pixels;
+    use crate::input::{Pixels, read_picture};
     use crate::scratch::{Folder, assert_says};
     use std::fs;
     use std::sync::mpsc::channel;
@@ -134,6 +140,27 @@ mod tests {
         assert_says(errand.hand_over(object(b"three")), "learned already");
         assert_eq!(learned.try_recv().expect("there").model, b"two");
         assert_eq!(fs::read(&output).expect("there"), b"two");
+    }
+
+    #[test]
+    fn an_object_in_a_mirrored_frame_is_learned_as_it_is() {
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/pictures/coffee.jpg");
+        let frame = read_picture(&file).unwrap();
+        let [w, h] = [frame.width, frame.height].map(|v| v as f32 - 1.0);
+        let outline = [[20.0, 10.0], [w - 60.0, 10.0], [w - 60.0, h - 30.0], [20.0, h - 30.0]];
+        let plan = Plan { preset: Preset::Compact, bytes: Preset::Compact.bytes(), ..Plan::default() };
+        let plain = learn(&frame, &outline, "coffee", &plan).unwrap();
+        let mut mirrored = frame;
+        mirrored.mirror();
+        let outline = [[60.0, 10.0], [w - 20.0, 10.0], [w - 20.0, h - 30.0], [60.0, h - 30.0]];
+        let learned = learn(&mirrored, &outline, "coffee", &Plan { mirror: true, ..plan }).unwrap();
+        let (Pixels::Rgb8(a), Pixels::Rgb8(b)) = (&learned.picture.pixels, &plain.picture.pixels) else {
+            unreachable!()
+        };
+        // Both are interpolated, from the other side.
+        let worst = a.iter().zip(b).map(|(a, b)| a.abs_diff(*b)).max();
+        assert!(a.len() == b.len() && worst.unwrap() <= 2, "{worst:?}");
+        assert!(learned.found.is_some(), "it is found as the camera will see it");
     }
 
     #[test]

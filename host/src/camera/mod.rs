@@ -132,7 +132,7 @@ pub fn camera(arguments: &Arguments) -> Result<()> {
         address,
         token: arguments.token.clone(),
         public: arguments.public_url.clone(),
-        school: School::default(),
+        school: School { plan: Plan { mirror: arguments.look.mirror, ..Plan::default() }, errand: None },
     });
     let mut lines = arguments.json.then(|| Lines::start(io::stdout())).transpose()?;
     let session = Session::start(&arguments.origin, &live, page, outlet, 0)?;

@@ -19,9 +19,9 @@ use tokio::signal::unix::{Signal, SignalKind, signal};
 use super::live::Live;
 use crate::output::remove_drafts;
 
-/// Maximum time from a signal to the end of the program. After it, what still runs is given
-/// up: a search, a training, a line that nobody reads. Half a second is left of two for a machine
-/// that is busy.
+/// Time that the program has to end by itself. After it, what still runs is given up: a search, a
+/// training, a line that nobody reads. With three times [`PATIENCE`], some 0.4 s are left of two for
+/// a machine that is busy.
 const LONGEST_END: Duration = Duration::from_millis(1300);
 /// Maximum time that this thread waits for work that another thread does for it.
 const PATIENCE: Duration = Duration::from_millis(100);

@@ -58,8 +58,8 @@ pub struct Arguments {
     #[command(flatten)]
     threads: Threads,
     /// Search all of each frame for all of the models, and again in tiles: finds small objects, small
-    /// copies beside large ones, and each of very many objects; takes three times as long as a frame
-    /// that shows nothing
+    /// copies beside large ones, and each of many objects by itself; takes three times as long as a
+    /// frame that shows nothing, for each object
     #[arg(long)]
     thorough: bool,
     #[command(flatten)]
@@ -128,13 +128,14 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode> {
     let mut gallery = arguments.annotate.as_deref().map(|path| Gallery::new(path, Inputs::of(read))).transpose()?;
     let progress = Progress::new(source.len_hint(), "frames");
     let mut failed = false;
+    let mut suited = false;
     // The first picture in which nothing was found, while nothing was found in any.
     let mut empty = Some(None);
     let searched = search_all(&mut source, &model, &options, |outcome| {
         progress.tick();
         match outcome.result {
-            // All frames have this region: there is no use in going on.
-            Err(e) if e.is::<Unsuitable>() => return Err(e),
+            // While the region has suited no frame, it is the command line that is wrong.
+            Err(e) if e.is::<Unsuitable>() && !suited => return Err(e),
             Err(e) => {
                 failed = true;
                 progress.print(&format!("keygraph: {}", plain_lines(&format!("{e:#}"))));
@@ -144,6 +145,7 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode> {
                 }
             }
             Ok(s) => {
+                suited = true;
                 if !s.found.detections.is_empty() || matches!(outcome.kind, Kind::Video { .. }) {
                     empty = None;
                 } else if let Some(first) = &mut empty {

@@ -61,7 +61,7 @@ pub struct Arguments {
 
 impl Arguments {
     fn plan(&self) -> Plan {
-        Plan { preset: self.preset, bytes: self.bytes.unwrap_or(self.preset.bytes()), luma: self.luma }
+        Plan { preset: self.preset, bytes: self.bytes.unwrap_or(self.preset.bytes()), luma: self.luma, mirror: false }
     }
 
     /// The name that was given, or else that of `file`.
