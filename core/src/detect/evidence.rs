@@ -157,7 +157,7 @@ pub(crate) fn places<'a>(detections: &'a Detections, pace: &'a mut dyn Pace) -> 
         .iter()
         .enumerate()
         .filter(move |(i, d)| {
-            let mut is_rival = |other: &Detection| {
+            let is_rival = |other: &Detection| {
                 pace.goes_on();
                 other.is_rival(d)
             };
