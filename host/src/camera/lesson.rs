@@ -144,7 +144,7 @@ mod tests {
 
     #[test]
     fn an_object_in_a_mirrored_frame_is_learned_as_it_is() {
-        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/pictures/coffee.jpg");
+        let file = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/pictures/coffee.jpg");
         let frame = read_picture(&file).unwrap();
         let [w, h] = [frame.width, frame.height].map(|v| v as f32 - 1.0);
         let outline = [[20.0, 10.0], [w - 60.0, 10.0], [w - 60.0, h - 30.0], [20.0, h - 30.0]];
