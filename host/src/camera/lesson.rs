@@ -145,21 +145,21 @@ mod tests {
     #[test]
     fn an_object_in_a_mirrored_frame_is_learned_as_it_is() {
         let file = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/pictures/coffee.jpg");
-        let frame = read_picture(&file).unwrap();
+        let frame = read_picture(&file).expect("a picture");
         let [w, h] = [frame.width, frame.height].map(|v| v as f32 - 1.0);
         let outline = [[20.0, 10.0], [w - 60.0, 10.0], [w - 60.0, h - 30.0], [20.0, h - 30.0]];
         let plan = Plan { preset: Preset::Compact, bytes: Preset::Compact.bytes(), ..Plan::default() };
-        let plain = learn(&frame, &outline, "coffee", &plan).unwrap();
+        let plain = learn(&frame, &outline, "coffee", &plan).expect("a model");
         let mut mirrored = frame;
         mirrored.mirror();
         let outline = [[60.0, 10.0], [w - 20.0, 10.0], [w - 20.0, h - 30.0], [60.0, h - 30.0]];
-        let learned = learn(&mirrored, &outline, "coffee", &Plan { mirror: true, ..plan }).unwrap();
+        let learned = learn(&mirrored, &outline, "coffee", &Plan { mirror: true, ..plan }).expect("a model");
         let (Pixels::Rgb8(a), Pixels::Rgb8(b)) = (&learned.picture.pixels, &plain.picture.pixels) else {
             unreachable!()
         };
-        // Both are interpolated, from the other side.
-        let worst = a.iter().zip(b).map(|(a, b)| a.abs_diff(*b)).max();
-        assert!(a.len() == b.len() && worst.unwrap() <= 2, "{worst:?}");
+        // Both are interpolated, from the other side: up to a pixel lies between them.
+        let sum: u64 = a.iter().zip(b).map(|(a, b)| u64::from(a.abs_diff(*b))).sum();
+        assert!(a.len() == b.len() && sum < 8 * a.len() as u64, "{sum} over {} bytes", a.len());
         assert!(learned.found.is_some(), "it is found as the camera will see it");
     }
 
