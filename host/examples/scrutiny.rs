@@ -28,11 +28,11 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result};
 use keygraph::input::read_picture;
-use keygraph::search::{Profile, fit};
+use keygraph::search::{Profile, depth_of, fit};
 use keygraph_core::stages::pace::Steady;
 use keygraph_core::stages::pyramid::Pyramid;
 use keygraph_core::stages::scrutiny::scrutinise;
-use keygraph_core::{Depth, Frame, Model, VgaDetector, chroma_bytes, luma_bytes};
+use keygraph_core::{Frame, Model, VgaDetector, chroma_bytes, luma_bytes};
 use serde_json::json;
 
 const PIXELS: usize = 640 * 480;
@@ -82,7 +82,7 @@ impl Bench {
         planes.load(&frame)?;
         planes.reduce();
         for thorough in [false, true] {
-            self.detector.set_depth(if thorough { Depth::Thorough } else { Depth::Usual });
+            self.detector.set_depth(depth_of(thorough));
             for d in self.detector.detect(&frame, &model, 0.0, &mut || 0)? {
                 let corners = d.corners.map(|p| [0, 1].map(|i| (p[i] + 0.5) / scaled.scale[i] - 0.5));
                 let told = json!({

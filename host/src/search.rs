@@ -302,6 +302,12 @@ pub fn parse_budget(text: &str) -> Result<Duration, String> {
     ms.map(|ms| Duration::from_secs_f64(ms / 1e3)).ok_or_else(|| "a budget is a number of ms above 0".into())
 }
 
+/// How much is searched with `--thorough`, and without it.
+#[must_use]
+pub const fn depth_of(thorough: bool) -> Depth {
+    if thorough { Depth::Thorough } else { Depth::Usual }
+}
+
 impl Request {
     /// A request for detections alone, on pixels as they were decoded.
     #[must_use]

@@ -74,12 +74,12 @@ use std::sync::{Arc, Mutex, mpsc};
 use std::time::{Duration, Instant};
 
 use anyhow::{Result, anyhow, ensure};
-use keygraph_core::{DEFAULT_THRESHOLD, Depth};
+use keygraph_core::DEFAULT_THRESHOLD;
 use tracing::level_filters::LevelFilter;
 
 use crate::output::{plain, print_line, write_file};
 use crate::picture::Picture;
-use crate::search::{Profile, Request};
+use crate::search::{Profile, Request, depth_of};
 use arguments::{Arguments, Lesson};
 use lesson::{Errand, Learned, Plan, learn};
 use lines::Lines;
@@ -140,7 +140,7 @@ pub fn camera(arguments: &Arguments) -> Result<()> {
     let mut left = arguments.frames;
     let mut diary = Diary::default();
     let wanted = Request {
-        depth: if arguments.thorough { Depth::Thorough } else { Depth::Usual },
+        depth: depth_of(arguments.thorough),
         budget: arguments.budget_ms,
         min_visible: arguments.min_visible,
         region: arguments.look.roi,

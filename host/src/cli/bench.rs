@@ -9,9 +9,9 @@ use keygraph::input::Source;
 use keygraph::learn::Preset;
 use keygraph::output::print_line;
 use keygraph::picture::Picture;
-use keygraph::search::{Profile, Request};
+use keygraph::search::{Profile, Request, depth_of};
 use keygraph::{report, words};
-use keygraph_core::{DEFAULT_THRESHOLD, Depth};
+use keygraph_core::DEFAULT_THRESHOLD;
 
 use super::model_files::{load, parse};
 
@@ -69,10 +69,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         .map(|f| f.picture.with_context(|| f.source))
         .collect::<Result<_>>()?;
     let plan = Plan {
-        request: Request {
-            depth: if arguments.thorough { Depth::Thorough } else { Depth::Usual },
-            ..Request::new(arguments.profile, DEFAULT_THRESHOLD)
-        },
+        request: Request { depth: depth_of(arguments.thorough), ..Request::new(arguments.profile, DEFAULT_THRESHOLD) },
         passes: usize::from(arguments.passes),
         track: arguments.track,
     };

@@ -13,10 +13,10 @@ use keygraph::pose::{Calibration, Width, parse_intrinsics};
 use keygraph::progress::Progress;
 use keygraph::region::{Look, Unsuitable};
 use keygraph::run::{Options, run as search_all};
-use keygraph::search::{Profile, Request, parse_budget, parse_share, parse_threshold, search_for};
+use keygraph::search::{Profile, Request, depth_of, parse_budget, parse_share, parse_threshold, search_for};
 use keygraph::sensor::SensorFormat;
 use keygraph::{report, words};
-use keygraph_core::{DEFAULT_THRESHOLD, Depth, Intrinsics, Model};
+use keygraph_core::{DEFAULT_THRESHOLD, Intrinsics, Model};
 
 use super::model_files::{load, parse};
 use super::usage_error;
@@ -114,7 +114,7 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode> {
             region: arguments.look.roi,
             mirror: arguments.look.mirror,
             format: arguments.format.map(|f| f.0),
-            depth: if arguments.thorough { Depth::Thorough } else { Depth::Usual },
+            depth: depth_of(arguments.thorough),
             digests: arguments.digests,
             ..Request::new(arguments.profile, arguments.threshold)
         },
