@@ -126,7 +126,8 @@ pub use detect::plan::Depth;
 
 // Tracking, and poses in space.
 pub use follow::instance::{State, Track};
-pub use follow::track::{LOST_FRAMES, SEARCH_EVERY, TRACKS, Tracker};
+pub use follow::schedule::{RECHECK, SEARCH_EVERY};
+pub use follow::track::{LOST_FRAMES, TRACKS, Tracker};
 pub use space::camera::{CameraError, Intrinsics, PlanePose, Pose, plane_pose};
 
 /// The stages and their foundations, in the order in which a frame flows through them. Each can be

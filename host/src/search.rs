@@ -433,7 +433,10 @@ fn follow_frame(
         found.rivals = rivals_of(detector, &found.detections);
     }
     if request.details {
-        show_all_of(detector, frame, model, (request, &watch))?;
+        // A search that goes on in the next frame needs what is in the detector.
+        if !found.stats.stopped {
+            show_all_of(detector, frame, model, (request, &watch))?;
+        }
         found.add_details(detector, model);
     }
     let seen = seen.iter().map(|t| (t.id, t.state)).collect();

@@ -1,9 +1,13 @@
-//! A search that is told to stop ends at once and says so, and what is known is followed.
+//! A search that is told to stop ends at once and says so; a tracker goes on with it in the next frame,
+//! and does not search what has not changed.
 #![allow(clippy::unwrap_used, clippy::cast_possible_truncation)]
 
 use std::sync::Mutex;
 
-use keygraph_core::{DEFAULT_THRESHOLD, Frame, Model, Observer, PixelFormat, Preset, Tracker, VgaDetector, VgaTrainer};
+use keygraph_core::{
+    DEFAULT_THRESHOLD, Frame, Model, Observer, PixelFormat, Preset, RECHECK, Tracker, VgaDetector, VgaTrainer, pack,
+    packed_len,
+};
 
 /// Lets a search ask a number of times, then stops it.
 struct Budget {
@@ -23,10 +27,15 @@ impl Observer for Budget {
     }
 }
 
-/// A picture of random blocks, and a frame that shows it small before other blocks.
+/// A picture of random blocks of 12 px.
 fn picture(w: usize, h: usize, seed: u32) -> Vec<u8> {
+    blocks(w, h, seed, 12)
+}
+
+/// A picture of random blocks of this side, px.
+fn blocks(w: usize, h: usize, seed: u32, side: usize) -> Vec<u8> {
     let value = |i: usize| {
-        let block = u64::from(seed) << 32 | (((i / w / 12) << 12) + i % w / 12) as u64;
+        let block = u64::from(seed) << 32 | (((i / w / side) << 12) + i % w / side) as u64;
         let z = (block ^ block >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
         let z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
         (z >> 40) as u8
@@ -44,12 +53,17 @@ fn model(pixels: &[u8], side: usize) -> Vec<u8> {
     bytes
 }
 
-fn scene(object: &[u8], side: usize) -> Vec<u8> {
-    let (w, h) = (640, 480);
-    let mut frame = picture(w, h, 77);
-    for y in 0..side {
-        frame[(y + 100) * w + 180..][..side].copy_from_slice(&object[y * side..][..side]);
+/// Puts an object into a frame of 640x480 px; what lies beyond its right edge is cut off.
+fn put(frame: &mut [u8], object: &[u8], side: usize, [x, y]: [usize; 2]) {
+    let shown = side.min(640 - x);
+    for (row, line) in object.chunks(side).enumerate() {
+        frame[(y + row) * 640 + x..][..shown].copy_from_slice(&line[..shown]);
     }
+}
+
+fn scene(object: &[u8], side: usize) -> Vec<u8> {
+    let mut frame = picture(640, 480, 77);
+    put(&mut frame, object, side, [180, 100]);
     frame
 }
 
@@ -92,22 +106,143 @@ fn a_search_ends_wherever_it_is_told_to_and_says_so() {
 }
 
 #[test]
-fn a_tracker_follows_what_it_knows_however_short_the_time_is() {
+fn a_tracker_goes_on_where_it_was_stopped_until_the_object_is_found() {
     static DETECTOR: Mutex<VgaDetector> = Mutex::new(VgaDetector::new());
     let sample = Sample::new(6);
     let (model, frame) = sample.lend();
-    let (mut tracker, mut detector) = (Tracker::new(), DETECTOR.lock().unwrap());
-    let mut track = |most: u32| {
-        let mut budget = Budget { asked: 0, most };
-        let seen = tracker.track(&mut detector, &frame, &model, DEFAULT_THRESHOLD, &mut budget).unwrap().len();
-        (seen, tracker.searched(), tracker.stats().stopped)
-    };
-    for _ in 0..6 {
-        assert_eq!(track(200), (0, true, true), "too short a time finds nothing and says so, in each frame");
+    let mut detector = DETECTOR.lock().unwrap();
+    let whole = detector.detect(&frame, &model, DEFAULT_THRESHOLD, &mut || 0).unwrap().to_vec();
+    // The same frames, with room for a few pieces of a search in each.
+    for (most, last) in [(2, 200), (9, 60), (40, 12)] {
+        let mut tracker = Tracker::new();
+        let mut track = |most: u32| {
+            let mut budget = Budget { asked: 0, most };
+            let seen = tracker.track(&mut detector, &frame, &model, DEFAULT_THRESHOLD, &mut budget).unwrap().to_vec();
+            (seen, tracker.searched(), tracker.stats().stopped)
+        };
+        let mut frames = 1;
+        let found = loop {
+            let (seen, searched, stopped) = track(most);
+            assert!(searched, "{most} in frame {frames}");
+            if !seen.is_empty() {
+                break seen[0];
+            }
+            assert!(stopped, "{most}: a search that is not over says so in frame {frames}");
+            frames += 1;
+            assert!(frames < last, "{most}: never found");
+        };
+        assert!(frames > 1, "{most}: the time was short");
+        let away =
+            |i: usize| (0..2).map(|d| (found.detection.corners[i][d] - whole[0].corners[i][d]).abs()).sum::<f32>();
+        assert!((0..4).all(|i| away(i) < 1.0), "{most}: {:?} and {:?}", found.detection.corners, whole[0].corners);
+        for _ in 0..12 {
+            let (seen, ..) = track(1);
+            assert_eq!((seen.len(), seen[0].id), (1, found.id), "{most}: what is known is followed");
+        }
     }
-    assert_eq!(track(u32::MAX), (1, true, false), "with enough time the object is found");
-    for _ in 0..12 {
-        assert_eq!(track(1).0, 1, "what is known is followed");
+}
+
+#[test]
+fn a_detector_that_was_used_otherwise_in_between_begins_anew() {
+    static DETECTOR: Mutex<VgaDetector> = Mutex::new(VgaDetector::new());
+    let (sample, other) = (Sample::new(6), Sample::new(9));
+    let (model, frame) = sample.lend();
+    let (other_model, other_frame) = other.lend();
+    let (mut tracker, mut detector) = (Tracker::new(), DETECTOR.lock().unwrap());
+    let mut track = |detector: &mut VgaDetector, (model, frame): &(Model<'_>, Frame<'_>), most: u32| {
+        let mut budget = Budget { asked: 0, most };
+        tracker.track(detector, frame, model, DEFAULT_THRESHOLD, &mut budget).unwrap().len()
+    };
+    for i in 0..12 {
+        assert_eq!(track(&mut detector, &(model, frame), 2 + i), 0);
+        detector.detect(&other_frame, &other_model, DEFAULT_THRESHOLD, &mut || 0).unwrap();
+    }
+    for i in 0..12 {
+        let one = if i % 2 == 0 { (model, frame) } else { (other_model, other_frame) };
+        assert_eq!(track(&mut detector, &one, 2 + i), 0, "another model ends the search");
+    }
+    assert_eq!(track(&mut detector, &(model, frame), u32::MAX), 1);
+}
+
+#[test]
+fn beside_what_is_followed_the_rest_is_searched_part_by_part() {
+    static DETECTOR: Mutex<VgaDetector> = Mutex::new(VgaDetector::new());
+    const SIDE: usize = 150;
+    let objects = [21, 22].map(|seed| picture(SIDE, SIDE, seed));
+    let models = objects.each_ref().map(|pixels| model(pixels, SIDE));
+    let parsed = models.each_ref().map(|bytes| Model::parse(bytes).unwrap());
+    let mut bytes = vec![0; packed_len(&parsed).unwrap()];
+    pack(&parsed, &mut bytes).unwrap();
+    let model = Model::parse(&bytes).unwrap();
+    let [one, both] = [1, 2].map(|shown| {
+        let mut frame = blocks(640, 480, 77, 31);
+        for (pixels, corner) in objects.iter().zip([[30, 40], [450, 310]]).take(shown) {
+            put(&mut frame, pixels, SIDE, corner);
+        }
+        frame
+    });
+    let (mut tracker, mut detector) = (Tracker::new(), DETECTOR.lock().unwrap());
+    let mut track = |pixels: &[u8], most: u32| {
+        let frame = Frame::new(PixelFormat::Gray8, 640, 480, pixels).unwrap();
+        let mut budget = Budget { asked: 0, most };
+        tracker.track(&mut detector, &frame, &model, DEFAULT_THRESHOLD, &mut budget).unwrap().len()
+    };
+    assert_eq!(track(&one, u32::MAX), 1);
+    // A search of the whole frame takes more than a hundred pieces.
+    let frames = (1..).find(|_| track(&both, 60) == 2).unwrap();
+    assert!((2..25).contains(&frames), "{frames}: ten frames until it is searched, ten parts");
+}
+
+/// A still scene of a camera, with the noise and the light, thousandths, of each frame.
+fn shot(pixels: &[u8], seed: u32, gain: u32) -> Vec<u8> {
+    let noise = picture(pixels.len(), 1, seed);
+    let z = |i: usize| (i as u64 * 0x9e37_79b9 + u64::from(noise[i])).wrapping_mul(0xbf58_476d_1ce4_e5b9) >> 58;
+    let lit = |i: usize, v: u8| u32::from(v) * gain / 1000 + (z(i) >> 2) as u32;
+    pixels.iter().enumerate().map(|(i, &v)| lit(i, v).min(255) as u8).collect()
+}
+
+#[test]
+fn a_still_scene_is_not_searched_again_and_nothing_that_appears_is_missed() {
+    static DETECTOR: Mutex<VgaDetector> = Mutex::new(VgaDetector::new());
+    const SIDE: usize = 150;
+    let object = picture(SIDE, SIDE, 31);
+    let bytes = model(&object, SIDE);
+    let model = Model::parse(&bytes).unwrap();
+    let mut detector = DETECTOR.lock().unwrap();
+    let mut track = |tracker: &mut Tracker, pixels: &[u8]| {
+        let frame = Frame::new(PixelFormat::Gray8, 640, 480, pixels).unwrap();
+        let seen = tracker.track(&mut detector, &frame, &model, DEFAULT_THRESHOLD, &mut || 0).unwrap().len();
+        (seen, tracker.searched())
+    };
+    let empty = picture(640, 480, 77);
+    // Lamps that flicker, and a light that fades.
+    let light = |i: u32| (1000 - 4 * i) * (100 - 7 * (i % 2)) / 100;
+    let mut tracker = Tracker::new();
+    let searched = (0..60).filter(|&i| track(&mut tracker, &shot(&empty, i, light(i))) == (0, true)).count();
+    assert_eq!(searched, 2, "the first frame, and one in {RECHECK}");
+    // An object slides in from the right, 3 px a frame; another tracker searches each frame.
+    let mut eager = Tracker::new();
+    let mut appears = |tracker: &mut Tracker, always: bool| {
+        (0..60u32).find(|&i| {
+            let mut scene = empty.clone();
+            put(&mut scene, &object, SIDE, [640 - 3 * i as usize, 170]);
+            if always {
+                tracker.search_next();
+            }
+            track(tracker, &shot(&scene, 100 + i, light(i))).0 == 1
+        })
+    };
+    let (at, earliest) = (appears(&mut tracker, false), appears(&mut eager, true));
+    assert!(at.is_some() && at == earliest, "{at:?} and {earliest:?}");
+    // One that is there from one frame to the next is found in that frame, in whatever light.
+    for gain in [500, 800, 1000] {
+        let mut tracker = Tracker::new();
+        for i in 0..5 {
+            assert_eq!(track(&mut tracker, &shot(&empty, i, gain)), (0, i == 0), "{gain}");
+        }
+        let mut scene = empty.clone();
+        put(&mut scene, &object, SIDE, [300, 170]);
+        assert_eq!(track(&mut tracker, &shot(&scene, 9, gain)), (1, true), "{gain}");
     }
 }
 

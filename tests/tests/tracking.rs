@@ -42,7 +42,7 @@ fn searched(found: &Found) -> bool {
 #[test]
 fn corners_of_what_stands_still_jitter_by_less_than_a_third_of_a_pixel() {
     let frames = run(Motion::Still, 8.0, 0..20, 0);
-    assert_eq!(frames.iter().filter(|(_, f)| searched(f)).count(), 2, "frames searched");
+    assert_eq!(frames.iter().filter(|(_, f)| searched(f)).count(), 1, "the first frame");
     let n = frames.len() as f32;
     for c in 0..4 {
         for k in 0..2 {

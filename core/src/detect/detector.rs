@@ -33,6 +33,8 @@ pub const DEFAULT_THRESHOLD: f32 = 0.8;
 pub struct Detector<P: Profile + ?Sized> {
     depth: Depth,
     visible: f32,
+    /// Number of frames, and parts of frames, that have been loaded.
+    loads: u32,
     buffers: P,
 }
 
@@ -58,13 +60,13 @@ impl<
     /// Creates an idle detector; all its bytes are zero.
     #[must_use]
     pub const fn new() -> Self {
-        Self { depth: Depth::Usual, visible: 0.0, buffers: Buffers::new() }
+        Self { depth: Depth::Usual, visible: 0.0, loads: 0, buffers: Buffers::new() }
     }
 }
 
 impl<P: Profile + Default> Default for Detector<P> {
     fn default() -> Self {
-        Self { depth: Depth::Usual, visible: 0.0, buffers: P::default() }
+        Self { depth: Depth::Usual, visible: 0.0, loads: 0, buffers: P::default() }
     }
 }
 
@@ -133,14 +135,74 @@ impl<P: Profile + ?Sized> Detector<P> {
         Ok(Ongoing { detector: self, model, plan, place: Place::START })
     }
 
-    fn plan(&self, model: &Model<'_>, threshold: f32) -> Plan {
-        let wish = Wish { threshold, visible: self.visible, depth: self.depth };
-        Plan::new(Scope::from(model), model.method().parameters(), wish)
+    /// What a search with this threshold looks for.
+    pub(crate) const fn wish(&self, threshold: f32) -> Wish {
+        Wish { threshold, visible: self.visible, depth: self.depth }
+    }
+
+    pub(crate) fn plan(&self, model: &Model<'_>, threshold: f32) -> Plan {
+        Plan::new(Scope::from(model), model.method().parameters(), self.wish(threshold))
+    }
+
+    /// Number of frames that have been loaded: it tells whether a search can still go on.
+    pub(crate) const fn loads(&self) -> u32 {
+        self.loads
+    }
+
+    /// Checks that a frame fits the profile.
+    pub(crate) fn check(&mut self, frame: &Frame<'_>) -> Result<(), FrameError> {
+        let limits = self.buffers.limits();
+        check(frame, limits, &self.buffers.lend().pyramid)
+    }
+
+    /// Loads a frame for [`Detector::go_on`].
+    pub(crate) fn load_frame(&mut self, frame: &Frame<'_>, observer: &mut dyn Observer) -> Result<(), FrameError> {
+        self.load(frame, &mut Laps::new(&mut Whole(observer)))
+    }
+
+    /// Goes on with a search until `observer` stops it between two of its pieces. Returns whether
+    /// the search is over. The statistics are those of this call.
+    pub(crate) fn go_on(
+        &mut self,
+        model: &Model<'_>,
+        (plan, place): (&Plan, &mut Place),
+        observer: &mut dyn Observer,
+    ) -> bool {
+        while observer.goes_on() {
+            let mut whole = Whole(observer);
+            if !advance(self.buffers.lend(), model, (plan, place), &mut Laps::new(&mut whole), None, false) {
+                return true;
+            }
+        }
+        self.buffers.lend().tally.stats.stopped = true;
+        false
+    }
+
+    /// Ends a search that is not over. Returns whether it has found something.
+    pub(crate) fn finish(
+        &mut self,
+        model: &Model<'_>,
+        (plan, place): (&Plan, &mut Place),
+        observer: &mut dyn Observer,
+    ) -> bool {
+        if self.buffers.show().findings.detections.is_empty() {
+            return false;
+        }
+        let mut laps = Laps::new(observer);
+        laps.stopped = true;
+        advance(self.buffers.lend(), model, (plan, place), &mut laps, None, true);
+        true
+    }
+
+    /// Sets the counts and times of the stages to 0, before a search goes on.
+    pub(crate) fn restart_stats(&mut self) {
+        self.buffers.lend().tally.stats = Stats::EMPTY;
     }
 
     /// Makes the pyramid of a frame, and empties the other buffers.
     fn load(&mut self, frame: &Frame<'_>, laps: &mut Laps<'_>) -> Result<(), FrameError> {
         let limits = self.buffers.limits();
+        self.loads = self.loads.wrapping_add(1);
         let Lent { pyramid, tally, .. } = cleared(self.buffers.lend());
         check(frame, limits, &pyramid)?;
         load(pyramid, tally, frame, laps)
@@ -172,6 +234,7 @@ impl<P: Profile + ?Sized> Detector<P> {
         observer: &mut dyn Observer,
     ) -> Result<(), FrameError> {
         let limits = self.buffers.limits();
+        self.loads = self.loads.wrapping_add(1);
         let Lent { mut pyramid, tally, .. } = cleared(self.buffers.lend());
         check(frame, limits, &pyramid)?;
         let start = observer.now();
@@ -309,6 +372,19 @@ impl<P: Profile + ?Sized> Ongoing<'_, P> {
     pub fn detections(&self) -> &[Detection] {
         let findings = self.detector.buffers.show().findings;
         if self.place.is_end() { findings.by_place().0 } else { &findings.detections }
+    }
+}
+
+/// An observer that lets a piece of a search come to its end.
+struct Whole<'a>(&'a mut dyn Observer);
+
+impl Observer for Whole<'_> {
+    fn now(&mut self) -> u64 {
+        self.0.now()
+    }
+
+    fn saw(&mut self, output: Output<'_>) {
+        self.0.saw(output);
     }
 }
 

@@ -126,6 +126,17 @@ impl Place {
         has_finest: false,
     };
 
+    /// The start of a search that begins with a tile, counted from 1; 0 is the start of a search of the
+    /// whole frame.
+    pub(crate) const fn at_tile(tile: u8) -> Self {
+        Self { tiles: tile, ..Self::START }
+    }
+
+    /// Number of tiles that have been taken up.
+    pub(crate) const fn tiles(&self) -> u8 {
+        self.tiles
+    }
+
     /// The tile that is searched; `None` for the whole frame.
     pub(crate) fn tile(&self, frame: &PyramidView<'_>) -> Option<Tile> {
         Tile::nth(self.tiles.checked_sub(1)?, frame.width(), frame.height())

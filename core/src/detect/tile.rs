@@ -14,6 +14,7 @@ use crate::image::plane::Plane;
 
 /// Number of tiles along each side of a frame.
 const SIDE: usize = 3;
+const _: () = assert!(Tile::COUNT as usize == SIDE * SIDE);
 /// Part of a tile by which it reaches into each of its neighbours, as a divisor. An object on a
 /// border has most of its triangles in one of the tiles.
 const LAP: usize = 14;
@@ -30,6 +31,9 @@ pub(crate) struct Tile {
 }
 
 impl Tile {
+    /// Number of tiles of a frame.
+    pub(crate) const COUNT: u8 = 9;
+
     /// Tile `i` of a frame; `None` when it has no more.
     #[inline(never)]
     pub(crate) fn nth(i: u8, width: usize, height: usize) -> Option<Self> {

@@ -72,6 +72,11 @@ impl Track {
         self.seen && (self.claimed || self.sure)
     }
 
+    /// Begins a frame in which the instance has not been seen yet.
+    pub(super) fn begin_frame(&mut self) {
+        (self.seen, self.sure, self.claimed) = (false, false, false);
+    }
+
     /// Takes a pose in this frame.
     pub(super) fn take(&mut self, d: Detection) {
         if !self.seen {

@@ -4,4 +4,6 @@
 
 pub mod instance;
 pub mod sight;
+pub mod still;
+pub mod schedule;
 pub mod track;

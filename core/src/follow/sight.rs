@@ -4,6 +4,9 @@
 //! frame looks like the object anywhere near. Memory: none. Cost: some 50,000 bilinear samples a
 //! track, a third more on targets without vectors.
 
+use core::ops::Range;
+
+use crate::base::capacity::LEVELS;
 use crate::base::geometry::{Homography, area};
 use crate::base::math;
 use crate::base::pace::Steady;
@@ -11,6 +14,7 @@ use crate::detect::align::{Refinement, refine_by};
 use crate::detect::appearance::{Appearance, appearance_of_luma, support};
 use crate::detect::detection::Detection;
 use crate::follow::instance::{STAY, SURE, State, Track};
+use crate::image::frame::{Frame, MIN_SIDE, Window};
 use crate::image::pyramid::PyramidView;
 use crate::model::parse::Model;
 
@@ -49,6 +53,43 @@ impl Sight<'_> {
     fn without(&self, h: &Homography) -> Homography {
         Homography::affine([1.0, 0.0, self.corner[0], 0.0, 1.0, self.corner[1]]).after(h)
     }
+}
+
+/// Returns the part of a frame that may show the tracks. It holds the places where they were
+/// and where they are expected, with a margin of a quarter of their longer side. The margin is
+/// wider than `glance` searches.
+pub(super) fn part_of(tracks: &[Track], frame: &Frame<'_>, model: &Model<'_>) -> Window {
+    let mut reach = [[f32::MAX, f32::MIN]; 2];
+    for t in tracks.iter().filter(|t| usize::from(t.detection.object) < model.objects()) {
+        let o = model.object(usize::from(t.detection.object));
+        let predicted = t.predicted().map(|h| h.outline(o.width as f32, o.height as f32));
+        for outline in [Some(t.detection.corners), predicted].into_iter().flatten() {
+            let bounds = [0, 1].map(|side| {
+                let along = || outline.iter().map(|p| p[side]);
+                [along().fold(f32::MAX, f32::min), along().fold(f32::MIN, f32::max)]
+            });
+            let longer = bounds.iter().map(|[least, most]| most - least).fold(0.0, f32::max);
+            let beside = (longer / 4.0).max(LEAST_MARGIN_PX);
+            for (reach, [least, most]) in reach.iter_mut().zip(bounds) {
+                *reach = [reach[0].min(least - beside), reach[1].max(most + beside)];
+            }
+        }
+    }
+    let (columns, rows) = (span(reach[0], frame.width()), span(reach[1], frame.height()));
+    Window { x: columns.start, y: rows.start, width: columns.len(), height: rows.len() }
+}
+
+/// Minimum margin beside a track, px.
+const LEAST_MARGIN_PX: f32 = 16.0;
+
+/// Returns the range from `least` to `most` within a side of `side` px. It begins and ends at whole
+/// pixels of the coarsest level, or at the end of the side. It has at least as many pixels as the
+/// side of a frame must have.
+fn span([least, most]: [f32; 2], side: usize) -> Range<usize> {
+    const STEP: usize = 1 << (LEVELS - 1);
+    let whole = |v: f32| usize::try_from(math::floor(v)).unwrap_or(0).min(side);
+    let start = whole(least).min(side - MIN_SIDE) / STEP * STEP;
+    start..whole(most).next_multiple_of(STEP).max(start + MIN_SIDE).min(side)
 }
 
 /// Returns where a track is in this frame. Returns `None` when nothing nearby looks like it.
@@ -131,5 +172,22 @@ mod tests {
         assert!(score(&Appearance { support: 8.0, ..a }) > score(&a));
         assert!(score(&a) > score(&Appearance { inside: 18, ..a }));
         assert_eq!(score(&Appearance { blocks: 3, ..a }), 0.0, "too little to see");
+    }
+
+    #[test]
+    fn a_span_is_whole_pixels_of_every_level_within_the_frame() {
+        let ends = [f32::MIN, -40.0, 0.0, 3.2, 15.9, 77.0, 500.5, 640.0, 900.0, f32::MAX, f32::INFINITY, f32::NAN];
+        for side in [16, 17, 23, 100, 640] {
+            for (least, most) in ends.iter().flat_map(|&a| ends.map(|b| (a, b))) {
+                let span = span([least, most], side);
+                let whole = |v: usize| v.is_multiple_of(8);
+                assert!(whole(span.start) && (whole(span.end) || span.end == side), "{least} to {most} of {side}");
+                assert!(span.len() >= MIN_SIDE && span.end <= side, "{least} to {most} of {side}: {span:?}");
+                let within = |v: f32| v >= 0.0 && v < side as f32;
+                for v in [least, most].into_iter().filter(|&v| within(v) && least <= most) {
+                    assert!((span.start as f32..span.end as f32).contains(&v), "{least} to {most} of {side}: {span:?}");
+                }
+            }
+        }
     }
 }

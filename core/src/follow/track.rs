@@ -7,9 +7,14 @@
 //! alignment starts where the motion of the instance leads. It needs only luma, and only of the
 //! part of the frame that may show the instance. It costs about a fifth of a search. A frame is
 //! searched (`detect`) in three cases:
-//! - Nothing is in sight.
+//! - Nothing is in sight, and something has changed since the last search (`still`).
 //! - An instance could not be followed for sure, or has been lost for less than [`LOST_FRAMES`].
-//! - [`SEARCH_EVERY`] frames have passed since the last search, so that new instances appear.
+//! - [`SEARCH_EVERY`](crate::SEARCH_EVERY) frames have passed since the last search and something has
+//!   changed, so that new instances appear.
+//!
+//! One in [`RECHECK`](crate::RECHECK) frames is searched though nothing has changed. A search that the
+//! observer stops goes on in the next frame (`schedule`): a budget lowers the rate at which new
+//! instances appear, and not the rate of the frames.
 //!
 //! Every frame is aligned to the template and not to the frame before, so that errors do not add
 //! up. To appear, an instance must reach the caller's threshold. To stay without a search, it must
@@ -18,37 +23,39 @@
 //! [`STAY`] of the threshold is enough, so that an instance that is half hidden does not flicker.
 //! An instance that can neither be followed nor found is reported as lost.
 //!
-//! Memory: some 11 KB in [`Tracker`], beside the detector, whose buffers it uses. Cost: conversion
+//! Memory: some 16 KB in [`Tracker`], beside the detector, whose buffers it uses. Cost: conversion
 //! and pyramid of that part of luma, and some 50,000 bilinear samples for each track, a third more
 //! on targets without vectors. Full: beyond [`TRACKS`] instances, those that have been lost longest
 //! make room. When none is lost, a new instance is dropped and counted.
 
-use core::ops::Range;
-
 use heapless::Vec;
 
-use crate::base::capacity::{DETECTIONS, LEVELS, Stage, id};
-use crate::base::math;
+use crate::base::capacity::{DETECTIONS, Stage, id};
 use crate::detect::appearance::Appearance;
 use crate::detect::buffers::Profile;
 use crate::detect::detection::Detection;
 use crate::detect::detector::Detector;
 use crate::detect::observer::{Observer, Stats, passed};
 use crate::follow::instance::{State, Track};
-use crate::follow::sight::{Sight, follow};
-use crate::image::frame::{Frame, FrameError, MIN_SIDE, Window};
+use crate::follow::schedule::{Pending, Schedule, Sought};
+use crate::follow::sight::{Sight, follow, part_of};
+use crate::image::frame::{Frame, FrameError};
 use crate::model::parse::Model;
 
 /// Maximum number of instances that are followed at once: as many as a frame holds.
 pub const TRACKS: usize = DETECTIONS;
 
-/// Number of frames from one search to the next while every instance is followed for sure. With a
-/// smaller number new instances appear sooner, at the cost of a search each.
-pub const SEARCH_EVERY: u32 = 10;
-
 /// Number of frames for which an instance that is not seen is still reported as lost, and searched
 /// for in every frame. It is a second of video.
 pub const LOST_FRAMES: u32 = 30;
+
+/// A frame, and what is sought in it.
+struct Task<'a> {
+    frame: &'a Frame<'a>,
+    model: &'a Model<'a>,
+    threshold: f32,
+    sought: Sought,
+}
 
 /// Follows the instances that a [`Detector`] finds.
 #[derive(Debug)]
@@ -56,8 +63,9 @@ pub struct Tracker {
     /// All tracks. Instances that are seen come first, best score first.
     tracks: Vec<Track, TRACKS>,
     next_id: u32,
-    /// Number of frames since the last search.
-    since_search: u32,
+    schedule: Schedule,
+    /// Whether the last frame was searched.
+    searched: bool,
     stats: Stats,
 }
 
@@ -71,24 +79,32 @@ impl Tracker {
     /// Makes a tracker without tracks.
     #[must_use]
     pub const fn new() -> Self {
-        Self { tracks: Vec::new(), next_id: 0, since_search: 0, stats: Stats::EMPTY }
+        Self { tracks: Vec::new(), next_id: 0, schedule: Schedule::NEW, searched: false, stats: Stats::EMPTY }
     }
 
     /// Makes the tracker search the next frame, even if every instance is in sight.
     pub const fn search_next(&mut self) {
-        self.since_search = SEARCH_EVERY;
+        self.schedule.search_next();
     }
 
-    /// Forgets all tracks. Their ids are not used again.
+    /// Forgets all tracks, and what the frames so far have shown. Ids are not used again.
     pub fn reset(&mut self) {
         self.tracks.clear();
+        self.schedule.reset();
     }
 
     /// Follows the objects of the model in the next frame, and searches the frame where needed.
     /// Returns all instances: first those that are seen, best score first, then those that are
     /// lost. `threshold` is the minimum score at which an instance appears. `observer` is asked for
-    /// the time between the stages, and is shown what a search makes. When it stops a search,
-    /// what is known is followed all the same.
+    /// the time between the stages, and is shown what a search makes.
+    ///
+    /// `observer` is asked between the pieces of a search whether it goes on ([`Observer::goes_on`]),
+    /// and not within them. The longest piece finds the corners and triangles of the finest level. A
+    /// search that was stopped ([`Stats::stopped`]) goes on in the next frame: where nothing is in
+    /// sight, with what it has gathered, in the frame that it has begun with; what it finds there is
+    /// followed into the newest frame. Where something is followed, the next part of the next frame is
+    /// searched. What is known is followed in every frame, however short the time is. The detector
+    /// must not be used for anything else meanwhile; if it is, the search begins anew.
     ///
     /// # Errors
     /// Returns [`FrameError::TooLarge`] when the frame exceeds the profile of the detector. Nothing
@@ -101,35 +117,120 @@ impl Tracker {
         threshold: f32,
         observer: &mut dyn Observer,
     ) -> Result<&[Track], FrameError> {
-        let due = self.is_searching()
-            || self.since_search + 1 >= SEARCH_EVERY
-            || self.tracks.iter().any(|t| t.state == State::Lost);
+        detector.check(frame)?;
+        let sought = Sought::new(detector, model, threshold);
+        let pending = self.schedule.take_pending(detector, &sought).filter(|_| self.is_searching());
+        self.schedule.count();
+        let task = Task { frame, model, threshold, sought };
+        match pending {
+            Some(pending) => self.go_on(detector, pending, &task, observer)?,
+            None => self.look(detector, &task, observer)?,
+        }
+        self.settle();
+        Ok(&self.tracks)
+    }
+
+    /// Follows the tracks into a frame, and searches it where needed.
+    fn look<P: Profile + ?Sized>(
+        &mut self,
+        detector: &mut Detector<P>,
+        task: &Task<'_>,
+        observer: &mut dyn Observer,
+    ) -> Result<(), FrameError> {
+        let &Task { frame, model, threshold, sought } = task;
+        let lost = self.tracks.iter().any(|t| t.state == State::Lost);
+        let due = self.is_searching() || lost || self.schedule.is_due();
         let mut corner = [0.0; 2];
         if due {
-            detector.detect(frame, model, threshold, observer)?;
+            detector.load_frame(frame, observer)?;
         } else {
-            let part = self.part(frame, model);
+            let part = part_of(&self.tracks, frame, model);
             corner = [part.x, part.y].map(|start| f32::from(id(start)));
             detector.load_luma(frame, part, observer)?;
         }
         // The model may differ from the model of the frame before.
         self.tracks.retain(|t| usize::from(t.detection.object) < model.objects());
-        self.stats = *detector.stats();
         let start = observer.now();
         let gone = self.follow_all(&Sight { view: detector.frame(), corner }, model, threshold);
-        let end = observer.now();
+        let following = passed(start, observer.now());
+        self.stats = Stats::EMPTY;
         if gone && !due {
-            detector.detect(frame, model, threshold, observer)?;
+            self.stats = *detector.stats();
+            detector.load_frame(frame, observer)?;
+        }
+        let is_doubtful = lost || gone;
+        self.searched = is_doubtful || due && self.schedule.may_be_new(&detector.frame(), &sought);
+        if self.searched {
+            let (plan, mut place) = (detector.plan(model, threshold), self.schedule.start());
+            let over = detector.go_on(model, (&plan, &mut place), observer);
+            self.end_search(detector, Pending::new(detector, sought, plan, place), model, over, observer);
+        }
+        self.stats.add(detector.stats());
+        self.stats.ticks[Stage::Accept as usize] += following;
+        Ok(())
+    }
+
+    /// Goes on with a search of an earlier frame. Where it has found something, that is followed into
+    /// this frame; if that fails, it has not appeared.
+    fn go_on<P: Profile + ?Sized>(
+        &mut self,
+        detector: &mut Detector<P>,
+        mut pending: Pending,
+        task: &Task<'_>,
+        observer: &mut dyn Observer,
+    ) -> Result<(), FrameError> {
+        let &Task { frame, model, threshold, sought: _ } = task;
+        self.tracks.iter_mut().for_each(Track::begin_frame);
+        detector.restart_stats();
+        let over = detector.go_on(model, (&pending.plan, &mut pending.place), observer);
+        let first = self.next_id;
+        self.end_search(detector, pending, model, over, observer);
+        self.searched = true;
+        self.stats = *detector.stats();
+        if self.tracks.iter().any(|t| t.seen) {
+            let part = part_of(&self.tracks, frame, model);
+            detector.load_luma(frame, part, observer)?;
+            let corner = [part.x, part.y].map(|start| f32::from(id(start)));
+            let sight = Sight { view: detector.frame(), corner };
+            let start = observer.now();
+            for t in self.tracks.iter_mut().filter(|t| t.seen) {
+                t.state = State::Found;
+                match follow(&sight, model, t, threshold) {
+                    Some(d) => t.take(d),
+                    None => t.seen = false,
+                }
+            }
+            self.tracks.retain(|t| t.seen || t.id < first);
+            let stopped = self.stats.stopped;
             self.stats.add(detector.stats());
+            self.stats.ticks[Stage::Accept as usize] += passed(start, observer.now());
+            self.stats.stopped = stopped;
         }
-        self.stats.ticks[Stage::Accept as usize] += passed(start, end);
-        self.since_search += 1;
-        if due || gone {
-            self.since_search = 0;
-            self.merge(detector.detections());
+        Ok(())
+    }
+
+    /// Takes over what a search has found, and notes how it goes on.
+    fn end_search<P: Profile + ?Sized>(
+        &mut self,
+        detector: &mut Detector<P>,
+        mut pending: Pending,
+        model: &Model<'_>,
+        over: bool,
+        observer: &mut dyn Observer,
+    ) {
+        let tile = pending.place.tiles();
+        if over {
+            self.schedule.searched_all(&detector.frame(), pending.sought());
+        } else {
+            // What has been found is told now, and not when the search is over.
+            let found = detector.finish(model, (&pending.plan, &mut pending.place), observer);
+            if found || self.tracks.iter().any(|t| t.seen) {
+                self.schedule.stopped_at(tile, pending.plan.wants_tiles(usize::MAX));
+            } else {
+                self.schedule.keep(pending);
+            }
         }
-        self.settle();
-        Ok(&self.tracks)
+        self.merge(detector.detections());
     }
 
     /// Returns all instances of the last frame, in the order in which [`Tracker::track`] returned
@@ -148,7 +249,7 @@ impl Tracker {
     /// Returns whether the last frame was searched.
     #[must_use]
     pub const fn searched(&self) -> bool {
-        self.since_search == 0
+        self.searched
     }
 
     /// Returns what the stages did with the last frame. Alignment counts as [`Stage::Accept`].
@@ -157,36 +258,12 @@ impl Tracker {
         &self.stats
     }
 
-    /// Returns the part of a frame that may show the tracks. It holds the places where they were
-    /// and where they are expected, with a margin of a quarter of their longer side. The margin is
-    /// wider than `glance` searches.
-    fn part(&self, frame: &Frame<'_>, model: &Model<'_>) -> Window {
-        let mut reach = [[f32::MAX, f32::MIN]; 2];
-        for t in self.tracks.iter().filter(|t| usize::from(t.detection.object) < model.objects()) {
-            let o = model.object(usize::from(t.detection.object));
-            let predicted = t.predicted().map(|h| h.outline(o.width as f32, o.height as f32));
-            for outline in [Some(t.detection.corners), predicted].into_iter().flatten() {
-                let bounds = [0, 1].map(|side| {
-                    let along = || outline.iter().map(|p| p[side]);
-                    [along().fold(f32::MAX, f32::min), along().fold(f32::MIN, f32::max)]
-                });
-                let longer = bounds.iter().map(|[least, most]| most - least).fold(0.0, f32::max);
-                let beside = (longer / 4.0).max(LEAST_MARGIN_PX);
-                for (reach, [least, most]) in reach.iter_mut().zip(bounds) {
-                    *reach = [reach[0].min(least - beside), reach[1].max(most + beside)];
-                }
-            }
-        }
-        let (columns, rows) = (span(reach[0], frame.width()), span(reach[1], frame.height()));
-        Window { x: columns.start, y: rows.start, width: columns.len(), height: rows.len() }
-    }
-
     /// Follows every track. Returns true when a track that was seen in the frame before is not
     /// followed for sure any more.
     fn follow_all(&mut self, sight: &Sight<'_>, model: &Model<'_>, threshold: f32) -> bool {
         let mut gone = false;
         for t in &mut self.tracks {
-            (t.seen, t.sure, t.claimed) = (false, false, false);
+            t.begin_frame();
             if let Some(d) = follow(sight, model, t, threshold) {
                 t.sure = t.is_sure(&d);
                 t.take(d);
@@ -300,19 +377,6 @@ impl Tracker {
     }
 }
 
-/// Minimum margin beside a track, px.
-const LEAST_MARGIN_PX: f32 = 16.0;
-
-/// Returns the range from `least` to `most` within a side of `side` px. It begins and ends at whole
-/// pixels of the coarsest level, or at the end of the side. It has at least as many pixels as the
-/// side of a frame must have.
-fn span([least, most]: [f32; 2], side: usize) -> Range<usize> {
-    const STEP: usize = 1 << (LEVELS - 1);
-    let whole = |v: f32| usize::try_from(math::floor(v)).unwrap_or(0).min(side);
-    let start = whole(least).min(side - MIN_SIDE) / STEP * STEP;
-    start..whole(most).next_multiple_of(STEP).max(start + MIN_SIDE).min(side)
-}
-
 /// Returns the middle of an outline, frame px.
 fn middle(d: &Detection) -> [f32; 2] {
     [0, 1].map(|i| d.corners.iter().map(|c| c[i]).sum::<f32>() / 4.0)
@@ -323,6 +387,7 @@ mod tests {
     use super::*;
     use crate::detect::detector::{DEFAULT_THRESHOLD, QqvgaDetector};
     use crate::extract::feature::FeatureKind;
+    use crate::follow::schedule::SEARCH_EVERY;
     use crate::image::pixels::PixelFormat;
     use crate::model::method::Method;
     use crate::model::train::{QqvgaTrainer, TrainParams};
@@ -398,23 +463,6 @@ mod tests {
         let mut bytes = frame(&[[30.0, 20.0]]);
         bytes[from * W..].fill(128);
         bytes
-    }
-
-    #[test]
-    fn a_span_is_whole_pixels_of_every_level_within_the_frame() {
-        let ends = [f32::MIN, -40.0, 0.0, 3.2, 15.9, 77.0, 500.5, 640.0, 900.0, f32::MAX, f32::INFINITY, f32::NAN];
-        for side in [16, 17, 23, 100, 640] {
-            for (least, most) in ends.iter().flat_map(|&a| ends.map(|b| (a, b))) {
-                let span = span([least, most], side);
-                let whole = |v: usize| v.is_multiple_of(8);
-                assert!(whole(span.start) && (whole(span.end) || span.end == side), "{least} to {most} of {side}");
-                assert!(span.len() >= MIN_SIDE && span.end <= side, "{least} to {most} of {side}: {span:?}");
-                let within = |v: f32| v >= 0.0 && v < side as f32;
-                for v in [least, most].into_iter().filter(|&v| within(v) && least <= most) {
-                    assert!((span.start as f32..span.end as f32).contains(&v), "{least} to {most} of {side}: {span:?}");
-                }
-            }
-        }
     }
 
     #[test]

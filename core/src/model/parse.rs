@@ -349,6 +349,11 @@ impl<'a> Model<'a> {
         self.bytes
     }
 
+    /// Checksum of the model's bytes, by which models are told apart.
+    pub(crate) fn checksum(&self) -> u32 {
+        header::CHECKSUM.get(self.bytes)
+    }
+
     /// Method by which frames are searched for the model.
     #[must_use]
     pub const fn method(&self) -> Method {
