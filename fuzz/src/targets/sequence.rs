@@ -2,16 +2,31 @@
 //! tracks must stay in order.
 //!
 //! In: the model, the threshold, then for each frame: where the object is, which rows of it are
-//! hidden, and bytes that replace pixels. Out: nothing. After half of the frames the model may be
+//! hidden, bytes that replace pixels, and when the search is stopped. The detector is sometimes used
+//! for something else in between. Out: nothing. After half of the frames the model may be
 //! another one. Cost: up to [`MOST`] qqvga frames, most of them followed without a search.
 
-use keygraph_core::{Frame, Model, PixelFormat, State, TRACKS, Tracker};
+use keygraph_core::{Frame, Model, Observer, PixelFormat, State, TRACKS, Tracker};
 
 use crate::{Input, PICTURE, detector, models, picture};
 
 /// Maximum number of frames of an input.
 const MOST: usize = 12;
 const SIZE: (usize, usize) = (160, 120);
+
+/// Stops a search after so many questions.
+struct Budget(usize);
+
+impl Observer for Budget {
+    fn now(&mut self) -> u64 {
+        0
+    }
+
+    fn goes_on(&mut self) -> bool {
+        self.0 = self.0.saturating_sub(1);
+        self.0 > 0
+    }
+}
 
 /// Runs the target on one input.
 pub fn sequence(data: &[u8]) {
@@ -33,7 +48,11 @@ pub fn sequence(data: &[u8]) {
         let bytes = &pixels[..3 * SIZE.0 * height];
         let frame = Frame::new(PixelFormat::Rgb8, SIZE.0, height, bytes).expect("it has this size");
         let model = if number < MOST / 2 { &first } else { &second };
-        let tracks = tracker.track(&mut detector, &frame, model, threshold, &mut || 0).expect("it fits the profile");
+        let mut budget = Budget(if input.byte() < 128 { usize::MAX } else { input.byte().into() });
+        if input.byte() > 250 {
+            detector.detect(&frame, model, threshold, &mut budget).expect("it fits the profile");
+        }
+        let tracks = tracker.track(&mut detector, &frame, model, threshold, &mut budget).expect("it fits the profile");
         assert!(tracks.len() <= TRACKS);
         let mut newest = next;
         for (i, t) in tracks.iter().enumerate() {
