@@ -119,6 +119,183 @@
 #define KG_VGA_TRAINER_BYTES 1330752
 
 /**
+ * Result of a call. Zero and above: the call did its work. Below zero: it did nothing, and outputs keep
+ * what they held, unless the function says otherwise.
+ */
+enum kg_status
+#if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+  : int32_t
+#endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+ {
+    /**
+     * All is well.
+     */
+    KG_OK = 0,
+    /**
+     * The observer, or its budget, has stopped the search. What was found until then are the results.
+     */
+    KG_STOPPED = 1,
+    /**
+     * The search in pieces goes on: call kg_detector_step() again.
+     */
+    KG_MORE = 2,
+    /**
+     * A pointer is NULL that must not be.
+     */
+    KG_ERROR_NULL = -1,
+    /**
+     * A pointer is not aligned: to KG_ALIGNMENT for the memory of an object, else to its type.
+     */
+    KG_ERROR_ALIGNMENT = -2,
+    /**
+     * The memory is shorter than the header says: give KG_..._BYTES.
+     */
+    KG_ERROR_MEMORY = -3,
+    /**
+     * A length leads around the end of the address space.
+     */
+    KG_ERROR_LENGTH = -4,
+    /**
+     * The memory holds no object of this kind: call its init or open function first.
+     */
+    KG_ERROR_HANDLE = -5,
+    /**
+     * The object is at work: it was called from a callback, from an interrupt or a second thread; or
+     * a search in pieces is not at its end: finish it, or call kg_detector_cancel().
+     */
+    KG_ERROR_BUSY = -6,
+    /**
+     * There is no such profile.
+     */
+    KG_ERROR_PROFILE = -7,
+    /**
+     * There is no such pixel format.
+     */
+    KG_ERROR_FORMAT = -8,
+    /**
+     * An option is out of its range.
+     */
+    KG_ERROR_OPTION = -9,
+    /**
+     * There is no element with this index.
+     */
+    KG_ERROR_INDEX = -10,
+    /**
+     * A name is not UTF-8, is empty, or has more than KG_NAME_BYTES - 1 bytes.
+     */
+    KG_ERROR_NAME = -11,
+    /**
+     * There is no such preset.
+     */
+    KG_ERROR_PRESET = -12,
+    /**
+     * No search has begun: call kg_detector_begin() first.
+     */
+    KG_ERROR_NO_SEARCH = -13,
+    /**
+     * The buffer does not hold exactly one frame, or with a stride at least one: kg_frame_bytes() says
+     * how many bytes that is.
+     */
+    KG_ERROR_FRAME_LENGTH = -20,
+    /**
+     * The width is odd, and the format shares chroma between columns.
+     */
+    KG_ERROR_ODD_WIDTH = -21,
+    /**
+     * The height is odd, and the format shares chroma between rows.
+     */
+    KG_ERROR_ODD_HEIGHT = -22,
+    /**
+     * A side of the frame or of the window has less than 16 px.
+     */
+    KG_ERROR_TOO_SMALL = -23,
+    /**
+     * The frame, or its window, does not fit the profile: scale it down, or use a larger profile.
+     */
+    KG_ERROR_TOO_LARGE = -24,
+    /**
+     * The stride is shorter than a row, or odd in I420.
+     */
+    KG_ERROR_STRIDE = -25,
+    /**
+     * The window leaves the frame.
+     */
+    KG_ERROR_WINDOW = -26,
+    /**
+     * The window begins between pixels that share chroma: begin at an even x, in NV12 and I420 at an
+     * even y too.
+     */
+    KG_ERROR_WINDOW_ODD = -27,
+    /**
+     * The bytes do not begin as a model does.
+     */
+    KG_ERROR_NOT_A_MODEL = -40,
+    /**
+     * A newer version wrote the model: update the library, or train again.
+     */
+    KG_ERROR_NEWER_MODEL = -41,
+    /**
+     * An older version wrote the model: train again.
+     */
+    KG_ERROR_OLDER_MODEL = -42,
+    /**
+     * The bytes end before the model does.
+     */
+    KG_ERROR_TRUNCATED = -43,
+    /**
+     * Bytes follow the model: kg_model_bytes() says how many it has.
+     */
+    KG_ERROR_TRAILING = -44,
+    /**
+     * The checksum does not match: the model is damaged.
+     */
+    KG_ERROR_CHECKSUM = -45,
+    /**
+     * The checksum matches, and the content contradicts itself: train again.
+     */
+    KG_ERROR_INCONSISTENT = -46,
+    /**
+     * The buffer for the model cannot hold even an empty one.
+     */
+    KG_ERROR_BUFFER = -60,
+    /**
+     * The picture has too few corners: use one with more texture, sharper or brighter.
+     */
+    KG_ERROR_NO_TEXTURE = -61,
+    /**
+     * A side of the picture is too short: use a larger picture.
+     */
+    KG_ERROR_TOO_NARROW = -62,
+    /**
+     * A side of the original picture is not from 1 to 1,048,576 px.
+     */
+    KG_ERROR_ORIGINAL = -63,
+    /**
+     * Intrinsics are four finite numbers, the focal lengths above zero.
+     */
+    KG_ERROR_INTRINSICS = -80,
+    /**
+     * A size is not above zero, or not finite.
+     */
+    KG_ERROR_SIZE = -81,
+    /**
+     * No pose has this homography: it shows the plane from behind or edge on.
+     */
+    KG_ERROR_NO_POSE = -82,
+    /**
+     * The core reports an error that this interface does not know.
+     */
+    KG_ERROR_UNKNOWN = -99,
+};
+#ifndef __cplusplus
+#if __STDC_VERSION__ >= 202311L
+typedef enum kg_status kg_status;
+#else
+typedef int32_t kg_status;
+#endif // __STDC_VERSION__ >= 202311L
+#endif // __cplusplus
+
+/**
  * A detector, in the memory that was given to kg_detector_init(). It needs no end: the memory may be
  * used for anything else when it is not needed any more. It must not be moved.
  */
@@ -711,6 +888,12 @@ extern "C" {
  * Nothing is unwound, and no call returns.
  */
 void kg_set_panic_handler(kg_panic_handler handler);
+
+/**
+ * Returns a sentence that says what a status means and what to do. It is English, ends with a zero
+ * byte, and is never NULL. Any number may be passed.
+ */
+const char *kg_status_text(int32_t status);
 
 /**
  * Returns the version of the interface that the library was built with. A program that loads the

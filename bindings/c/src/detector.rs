@@ -3,7 +3,7 @@
 //! In: memory, models, frames. Out: detections, statistics. Memory: KG_..._DETECTOR_BYTES by profile,
 //! and the stack that the README states. Cost: that of the core's detector.
 //!
-//! In the caller's memory is a [`Slot`]: what this interface needs to know, and the detector. A search
+//! In the caller's memory is a [`Slot`]: what this interface needs to know, and the detector of a profile. A search
 //! in pieces keeps a reference to the detector there, for as long as it goes on. Until it ends or is
 //! dropped, no other reference to the detector is made.
 
@@ -95,15 +95,17 @@ pub struct kg_detector {
     _opaque: (),
 }
 
-const TAG: u32 = 0x6b67_4445;
+pub(crate) const TAG: u32 = 0x6b67_4445;
 
 #[repr(C)]
-struct Slot<P: Profile + ?Sized> {
+pub(crate) struct Slot<P: Profile + 'static> {
     own: Own,
+    /// Search in pieces that has begun and not ended.
+    search: Option<Ongoing<'static, P>>,
     detector: Detector<P>,
 }
 
-/// What this interface keeps of a detector.
+/// What this interface keeps of a detector of any profile.
 #[repr(C)]
 struct Own {
     head: Head,
@@ -111,97 +113,97 @@ struct Own {
     window: Option<Window>,
     /// Model of the search in pieces.
     model: Option<Model<'static>>,
-    /// Search in pieces that has begun and not ended.
-    search: Option<Ongoing<'static, dyn Profile>>,
     /// When that search began.
     start: u64,
 }
 
-/// Returns where the detector of a profile is in its slot.
-fn place_of<P: Profile + 'static>(own: *mut Own) -> *mut Detector<dyn Profile> {
-    let slot = own.cast::<Slot<P>>();
-    // SAFETY: the slot of this profile begins with `own`; no reference is made.
-    unsafe { addr_of_mut!((*slot).detector) }
+/// Does something with the slot of a detector, whose profile is known at run time alone. A detector
+/// behind `dyn Profile` would link everything that prints one.
+macro_rules! with_slot {
+    ($detector:expr, $slot:ident => $body:expr) => {{
+        // SAFETY: the caller vouches for the pointer.
+        let head = unsafe { crate::place::Head::of($detector.cast(), crate::detector::TAG) }?;
+        // SAFETY: the head is valid.
+        match unsafe { (*head).profile } {
+            crate::detector::KG_PROFILE_QQVGA => {
+                let $slot = head.cast::<crate::detector::Slot<keygraph_core::Qqvga>>();
+                $body
+            }
+            crate::detector::KG_PROFILE_QVGA => {
+                let $slot = head.cast::<crate::detector::Slot<keygraph_core::Qvga>>();
+                $body
+            }
+            crate::detector::KG_PROFILE_VGA => {
+                let $slot = head.cast::<crate::detector::Slot<keygraph_core::Vga>>();
+                $body
+            }
+            _ => {
+                let $slot = head.cast::<crate::detector::Slot<keygraph_core::Hd>>();
+                $body
+            }
+        }
+    }};
 }
+pub(crate) use with_slot;
 
-/// Checks a detector from C, and returns what this interface keeps of it.
+/// Returns the detector for reading, unless a search in pieces has it, and the part of the frame that it
+/// looked at.
 ///
 /// # Safety
-/// If the pointer passes the checks, it leads to memory that was given to `kg_detector_init`.
-unsafe fn own_of(detector: *mut kg_detector) -> Outcome<*mut Own> {
-    // SAFETY: the contract is the same.
-    Ok(unsafe { Head::of(detector.cast(), TAG) }?.cast())
-}
-
-/// Returns the detector.
-///
-/// # Safety
-/// `own` comes from [`own_of`].
-unsafe fn detector_at(own: *mut Own) -> *mut Detector<dyn Profile> {
-    // SAFETY: it is valid, and the number is that which `kg_detector_init` wrote.
-    match unsafe { (*own).head.profile } {
-        KG_PROFILE_QQVGA => place_of::<Qqvga>(own),
-        KG_PROFILE_QVGA => place_of::<Qvga>(own),
-        KG_PROFILE_VGA => place_of::<Vga>(own),
-        _ => place_of::<Hd>(own),
-    }
-}
-
-/// Returns the detector for reading, unless a search in pieces has it.
-///
-/// # Safety
-/// As for [`own_of`]; the detector stays as it is while it is borrowed.
-unsafe fn idle<'a>(detector: *mut kg_detector) -> Outcome<(&'a Detector<dyn Profile>, Option<Window>)> {
-    // SAFETY: the contract is the same.
-    let own = unsafe { own_of(detector) }?;
-    // SAFETY: it is valid, and nobody works on it.
-    let (searching, window) = unsafe { ((*own).search.is_some(), (*own).window) };
+/// The slot comes from `with_slot`; it stays as it is while the detector is borrowed.
+unsafe fn idle<'a, P: Profile>(slot: *mut Slot<P>) -> Outcome<(&'a Detector<P>, Option<Window>)> {
+    // SAFETY: the slot is valid, and nobody works on it.
+    let searching = unsafe { (*slot).search.is_some() };
     if searching {
         return Err(kg_status::KG_ERROR_BUSY);
     }
-    // SAFETY: `own` is valid.
-    let place = unsafe { detector_at(own) };
     // SAFETY: no search in pieces has the detector, and nobody works on it.
-    Ok((unsafe { &*place }, window))
+    Ok(unsafe { (&(*slot).detector, (*slot).own.window) })
 }
 
 /// A detector that is at work: until this is dropped, all calls that would use it are refused.
 pub(crate) struct Work {
-    own: *mut Own,
+    head: *mut Head,
 }
 
 impl Work {
-    /// Takes a detector from C, ends a search in pieces, and sets the options.
+    /// Takes a detector, ends a search in pieces, and sets the options.
     ///
     /// # Safety
-    /// As for [`own_of`]; nobody else uses the detector until the work is dropped.
-    pub(crate) unsafe fn begin(
-        detector: *mut kg_detector,
+    /// The slot comes from `with_slot`; nobody else uses it until the work is dropped.
+    pub(crate) unsafe fn begin<P: Profile>(
+        slot: *mut Slot<P>,
         options: &kg_options,
         window: Option<Window>,
-    ) -> Outcome<(Self, &'static mut Detector<dyn Profile>)> {
-        // SAFETY: the contract is the same.
-        let own = unsafe { own_of(detector) }?;
-        // SAFETY: it is valid, nobody works on it, and its place is known.
-        let place = unsafe {
-            (*own).search = None;
-            (*own).window = window;
-            detector_at(own)
-        };
+    ) -> Outcome<(Self, &'static mut Detector<P>)> {
+        // SAFETY: the slot is valid, and nobody works on it.
+        unsafe {
+            (*slot).search = None;
+            (*slot).own.window = window;
+        }
         // SAFETY: the search in pieces that had a reference is gone.
-        let d = unsafe { &mut *place };
+        let d = unsafe { &mut (*slot).detector };
         d.set_depth(options.depth()?);
         d.set_min_visible(options.min_visible);
-        // SAFETY: `own` is valid.
-        unsafe { Head::set_working(own.cast(), true) };
-        Ok((Self { own }, d))
+        // SAFETY: the slot is valid, and begins with a head.
+        Ok((unsafe { Self::on(slot.cast()) }, d))
+    }
+
+    /// Marks an object as at work.
+    ///
+    /// # Safety
+    /// The head is valid, and stays so until the work is dropped.
+    pub(crate) unsafe fn on(head: *mut Head) -> Self {
+        // SAFETY: the contract is the same.
+        unsafe { Head::set_working(head, true) };
+        Self { head }
     }
 }
 
 impl Drop for Work {
     fn drop(&mut self) {
         // SAFETY: it was valid when the work began, and nobody else could use it since.
-        unsafe { Head::set_working(self.own.cast(), false) };
+        unsafe { Head::set_working(self.head, false) };
     }
 }
 
@@ -252,6 +254,10 @@ pub unsafe extern "C" fn kg_detector_init(
     {
         needed
     }
+    fn idle_at<P: Profile + 'static>(head: *mut Head) {
+        // SAFETY: the memory has room for a slot of the profile, and is aligned.
+        unsafe { addr_of_mut!((*head.cast::<Slot<P>>()).search).write(None) };
+    }
     let init = || {
         let needed = match profile {
             KG_PROFILE_QQVGA => zeroes::<Qqvga>(KG_QQVGA_DETECTOR_BYTES),
@@ -270,7 +276,12 @@ pub unsafe extern "C" fn kg_detector_init(
             Head::mark(head, TAG, profile);
             addr_of_mut!((*own).window).write(None);
             addr_of_mut!((*own).model).write(None);
-            addr_of_mut!((*own).search).write(None);
+        }
+        match profile {
+            KG_PROFILE_QQVGA => idle_at::<Qqvga>(head),
+            KG_PROFILE_QVGA => idle_at::<Qvga>(head),
+            KG_PROFILE_VGA => idle_at::<Vga>(head),
+            _ => idle_at::<Hd>(head),
         }
         // SAFETY: the pointer is the caller's to give.
         unsafe { put(detector, head.cast()) }?;
@@ -321,12 +332,21 @@ impl Task<'_> {
 /// Searches a frame.
 ///
 /// # Safety
-/// As for [`own_of`].
-unsafe fn search(detector: *mut kg_detector, task: &Task<'_>, observer: &mut dyn Observer) -> Outcome {
+/// As for [`Work::begin`].
+unsafe fn search<P: Profile>(slot: *mut Slot<P>, task: &Task<'_>, observer: &mut dyn Observer) -> Outcome {
     // SAFETY: the contract is the same.
-    let (_work, d) = unsafe { Work::begin(detector, &task.options, task.window) }?;
+    let (_work, d) = unsafe { Work::begin(slot, &task.options, task.window) }?;
     d.detect(&task.frame, &task.model, task.options.threshold, observer)?;
     Ok(if d.stats().stopped { kg_status::KG_STOPPED } else { kg_status::KG_OK })
+}
+
+/// Checks that there is a detector that is not at work.
+///
+/// # Safety
+/// As for [`Head::of`].
+unsafe fn check_detector(detector: *mut kg_detector) -> Outcome<()> {
+    // SAFETY: the contract is the same.
+    unsafe { Head::of(detector.cast(), TAG) }.map(|_| ())
 }
 
 /// Searches a frame for the objects of a model. kg_detector_detections() then gives the results.
@@ -345,13 +365,13 @@ pub unsafe extern "C" fn kg_detector_detect(
 ) -> kg_status {
     let detect = || {
         // SAFETY: the pointers are the caller's to give.
-        unsafe { own_of(detector) }?;
+        unsafe { check_detector(detector) }?;
         // SAFETY: the pointers are the caller's to give.
         let task = unsafe { Task::new(model, frame, options) }?;
         // SAFETY: the pointers are the caller's to give.
         let mut watch = unsafe { Watch::new(observer, None) }?;
         // SAFETY: the pointers are the caller's to give.
-        unsafe { search(detector, &task, &mut watch) }
+        with_slot!(detector, slot => unsafe { search(slot, &task, &mut watch) })
     };
     told(detect())
 }
@@ -370,7 +390,7 @@ pub unsafe extern "C" fn kg_detector_detect_with_digests(
 ) -> kg_status {
     let detect = || {
         // SAFETY: the pointers are the caller's to give.
-        unsafe { own_of(detector) }?;
+        unsafe { check_detector(detector) }?;
         crate::boundary::check(digests, crate::observer::KG_STAGES)?;
         // SAFETY: the pointers are the caller's to give.
         let task = unsafe { Task::new(model, frame, options) }?;
@@ -378,12 +398,103 @@ pub unsafe extern "C" fn kg_detector_detect_with_digests(
         let watch = unsafe { Watch::new(observer, None) }?;
         let mut digesting = Digesting { watch, digests: Digests::new() };
         // SAFETY: the pointers are the caller's to give.
-        let status = unsafe { search(detector, &task, &mut digesting) }?;
+        let status = with_slot!(detector, slot => unsafe { search(slot, &task, &mut digesting) })?;
         // SAFETY: the pointers are the caller's to give.
         unsafe { digesting.put(digests) }?;
         Ok(status)
     };
     told(detect())
+}
+
+/// Begins a search in pieces.
+///
+/// # Safety
+/// As for [`Work::begin`].
+unsafe fn begin_search<P: Profile>(slot: *mut Slot<P>, task: &Task<'_>, watch: &mut Watch) -> Outcome {
+    // SAFETY: the contract is the same.
+    let (_work, d) = unsafe { Work::begin(slot, &task.options, task.window) }?;
+    // SAFETY: no search is left that refers to the model of the last one, and nobody else uses the slot.
+    let model = unsafe { &mut (*slot).own.model };
+    let model = &*model.insert(task.model);
+    let ongoing = d.begin(&task.frame, model, task.options.threshold, watch)?;
+    // SAFETY: as above. The search refers to the detector and to the model in the slot, which stay
+    // where they are; both are left alone until the search is dropped.
+    unsafe {
+        (*slot).search = Some(ongoing);
+        (*slot).own.start = watch.start();
+    }
+    Ok(kg_status::KG_MORE)
+}
+
+/// Does the next piece of a search.
+///
+/// # Safety
+/// As for [`Work::begin`].
+unsafe fn step_search<P: Profile>(slot: *mut Slot<P>, observer: *const kg_observer) -> Outcome {
+    // SAFETY: the slot is valid.
+    let start = unsafe { (*slot).own.start };
+    // SAFETY: the pointer is the caller's to give.
+    let mut watch = unsafe { Watch::new(observer, Some(start)) }?;
+    // SAFETY: the slot is valid, and nobody works on it.
+    let search = unsafe { (*slot).search.as_mut() }.ok_or(kg_status::KG_ERROR_NO_SEARCH)?;
+    // SAFETY: the slot is valid; its head is not borrowed.
+    let work = unsafe { Work::on(slot.cast()) };
+    let more = search.step(&mut watch);
+    drop(work);
+    if more {
+        return Ok(kg_status::KG_MORE);
+    }
+    // SAFETY: the search is at its end, and its reference to the detector goes.
+    unsafe { (*slot).search = None };
+    // SAFETY: the slot is valid.
+    let (d, _) = unsafe { idle(slot) }?;
+    Ok(if d.stats().stopped { kg_status::KG_STOPPED } else { kg_status::KG_OK })
+}
+
+/// Writes detections: those so far of a search in pieces, or those of the last search.
+///
+/// # Safety
+/// The slot comes from `with_slot`, and the pointers are the caller's to give.
+unsafe fn put_detections<P: Profile>(
+    slot: *mut Slot<P>,
+    out: *mut kg_detection,
+    room: usize,
+    count: *mut usize,
+) -> Outcome {
+    // SAFETY: the slot is valid, and nobody works on it.
+    let (search, window) = unsafe { ((*slot).search.as_ref(), (*slot).own.window) };
+    if let Some(search) = search {
+        let all = search.detections().iter().map(|d| kg_detection::new(d, window, 0));
+        // SAFETY: the pointers are the caller's to give.
+        unsafe { list(all, out, room, count) }?;
+    } else {
+        // SAFETY: the slot is valid.
+        let (d, window) = unsafe { idle(slot) }?;
+        let all = d.detections().iter().map(|found| kg_detection::new(found, window, d.rivals(found).count()));
+        // SAFETY: the pointers are the caller's to give.
+        unsafe { list(all, out, room, count) }?;
+    }
+    Ok(kg_status::KG_OK)
+}
+
+/// Writes the rivals of a detection.
+///
+/// # Safety
+/// As for [`put_detections`].
+unsafe fn put_rivals<P: Profile>(
+    slot: *mut Slot<P>,
+    index: usize,
+    out: *mut kg_detection,
+    room: usize,
+    count: *mut usize,
+) -> Outcome {
+    // SAFETY: the slot is valid.
+    let (d, window) = unsafe { idle(slot) }?;
+    let found = d.detections().get(index).ok_or(kg_status::KG_ERROR_INDEX)?;
+    let all = d.rivals(found).map(|rival| kg_detection::new(rival, window, 0));
+    // SAFETY: the pointers are the caller's to give.
+    unsafe { list(all, out, room, count) }?;
+    Ok(kg_status::KG_OK)
 }
 
 /// Begins a search in pieces, for a program that must do something else in between. The frame is read
@@ -401,26 +512,13 @@ pub unsafe extern "C" fn kg_detector_begin(
 ) -> kg_status {
     let begin = || {
         // SAFETY: the pointers are the caller's to give.
-        let own = unsafe { own_of(detector) }?;
+        unsafe { check_detector(detector) }?;
         // SAFETY: the pointers are the caller's to give.
         let task = unsafe { Task::new(model, frame, options) }?;
         // SAFETY: the pointers are the caller's to give.
         let mut watch = unsafe { Watch::new(observer, None) }?;
         // SAFETY: the pointers are the caller's to give.
-        let (work, d) = unsafe { Work::begin(detector, &task.options, task.window) }?;
-        // SAFETY: no search is left that refers to the model of the last one, and nobody else uses
-        // the slot.
-        let model = unsafe { addr_of_mut!((*own).model).as_mut() }.ok_or(kg_status::KG_ERROR_NULL)?;
-        let model = &*model.insert(task.model);
-        let ongoing = d.begin(&task.frame, model, task.options.threshold, &mut watch)?;
-        // SAFETY: as above. The search refers to the detector and to the model in the slot, which
-        // stay where they are; both are left alone until the search is dropped.
-        unsafe {
-            (*own).search = Some(ongoing);
-            (*own).start = watch.start();
-        }
-        drop(work);
-        Ok(kg_status::KG_MORE)
+        with_slot!(detector, slot => unsafe { begin_search(slot, &task, &mut watch) })
     };
     told(begin())
 }
@@ -434,28 +532,7 @@ pub unsafe extern "C" fn kg_detector_begin(
 pub unsafe extern "C" fn kg_detector_step(detector: *mut kg_detector, observer: *const kg_observer) -> kg_status {
     let step = || {
         // SAFETY: the pointers are the caller's to give.
-        let own = unsafe { own_of(detector) }?;
-        // SAFETY: `own` is valid.
-        let start = unsafe { (*own).start };
-        // SAFETY: the pointers are the caller's to give.
-        let mut watch = unsafe { Watch::new(observer, Some(start)) }?;
-        // SAFETY: `own` is valid, and nobody works on it.
-        let search = unsafe { (*own).search.as_mut() }.ok_or(kg_status::KG_ERROR_NO_SEARCH)?;
-        // SAFETY: `own` is valid.
-        unsafe { Head::set_working(own.cast(), true) };
-        let work = Work { own };
-        let more = search.step(&mut watch);
-        drop(work);
-        if more {
-            return Ok(kg_status::KG_MORE);
-        }
-        // SAFETY: the search is at its end, and its reference to the detector goes.
-        unsafe { (*own).search = None };
-        // SAFETY: `own` is valid.
-        let place = unsafe { detector_at(own) };
-        // SAFETY: no search has the detector any more.
-        let stopped = unsafe { (*place).stats().stopped };
-        Ok(if stopped { kg_status::KG_STOPPED } else { kg_status::KG_OK })
+        with_slot!(detector, slot => unsafe { step_search(slot, observer) })
     };
     told(step())
 }
@@ -466,10 +543,8 @@ pub unsafe extern "C" fn kg_detector_step(detector: *mut kg_detector, observer: 
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn kg_detector_cancel(detector: *mut kg_detector) -> kg_status {
     let cancel = || {
-        // SAFETY: the pointer is the caller's to give.
-        let own = unsafe { own_of(detector) }?;
-        // SAFETY: it is valid, and nobody works on it.
-        unsafe { (*own).search = None };
+        // SAFETY: the slot is valid, and nobody works on it.
+        with_slot!(detector, slot => unsafe { (*slot).search = None });
         Ok(kg_status::KG_OK)
     };
     told(cancel())
@@ -488,22 +563,8 @@ pub unsafe extern "C" fn kg_detector_detections(
     count: *mut usize,
 ) -> kg_status {
     let write = || {
-        // SAFETY: the pointer is the caller's to give.
-        let own = unsafe { own_of(detector) }?;
-        // SAFETY: it is valid, and nobody works on it.
-        let (search, window) = unsafe { ((*own).search.as_ref(), (*own).window) };
-        if let Some(search) = search {
-            let all = search.detections().iter().map(|d| kg_detection::new(d, window, 0));
-            // SAFETY: the pointers are the caller's to give.
-            unsafe { list(all, out, room, count) }?;
-        } else {
-            // SAFETY: the pointer is the caller's to give.
-            let (d, window) = unsafe { idle(detector) }?;
-            let all = d.detections().iter().map(|found| kg_detection::new(found, window, d.rivals(found).count()));
-            // SAFETY: the pointers are the caller's to give.
-            unsafe { list(all, out, room, count) }?;
-        }
-        Ok(kg_status::KG_OK)
+        // SAFETY: the pointers are the caller's to give.
+        with_slot!(detector, slot => unsafe { put_detections(slot, out, room, count) })
     };
     told(write())
 }
@@ -523,13 +584,8 @@ pub unsafe extern "C" fn kg_detector_rivals(
     count: *mut usize,
 ) -> kg_status {
     let write = || {
-        // SAFETY: the pointer is the caller's to give.
-        let (d, window) = unsafe { idle(detector) }?;
-        let found = d.detections().get(index).ok_or(kg_status::KG_ERROR_INDEX)?;
-        let all = d.rivals(found).map(|rival| kg_detection::new(rival, window, 0));
         // SAFETY: the pointers are the caller's to give.
-        unsafe { list(all, out, room, count) }?;
-        Ok(kg_status::KG_OK)
+        with_slot!(detector, slot => unsafe { put_rivals(slot, index, out, room, count) })
     };
     told(write())
 }
@@ -540,8 +596,13 @@ pub unsafe extern "C" fn kg_detector_rivals(
 /// KG_ERROR_NULL, KG_ERROR_ALIGNMENT.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn kg_detector_stats(detector: *mut kg_detector, stats: *mut kg_stats) -> kg_status {
-    // SAFETY: the pointers are the caller's to give.
-    told(unsafe { idle(detector) }.map(|(d, _)| unsafe { put_stats(d.stats(), true, stats) }))
+    let write = || {
+        // SAFETY: the slot is valid.
+        let told = with_slot!(detector, slot => unsafe { idle(slot) }.map(|(d, _)| d.stats()))?;
+        // SAFETY: the pointer is the caller's to give.
+        Ok(unsafe { put_stats(told, true, stats) })
+    };
+    told(write())
 }
 
 /// Tells size and use of a buffer of the detector: `index` from 0 to KG_BUFFERS - 1.
@@ -555,10 +616,10 @@ pub unsafe extern "C" fn kg_detector_buffer(
     buffer: *mut kg_buffer,
 ) -> kg_status {
     let write = || {
+        // SAFETY: the slot is valid.
+        let told = with_slot!(detector, slot => unsafe { idle(slot) }.map(|(d, _)| buffer_of(d, index)))??;
         // SAFETY: the pointer is the caller's to give.
-        let (d, _) = unsafe { idle(detector) }?;
-        // SAFETY: the pointer is the caller's to give.
-        unsafe { put(buffer, buffer_of(d, index)?) }?;
+        unsafe { put(buffer, told) }?;
         Ok(kg_status::KG_OK)
     };
     told(write())

@@ -241,7 +241,7 @@ pub(crate) unsafe fn put_stats(stats: &Stats, searched: bool, out: *mut kg_stats
 }
 
 /// Returns a buffer of a detector.
-pub(crate) fn buffer_of(detector: &Detector<dyn Profile>, index: u32) -> Outcome<kg_buffer> {
+pub(crate) fn buffer_of<P: Profile>(detector: &Detector<P>, index: u32) -> Outcome<kg_buffer> {
     let index = usize::try_from(index).ok().filter(|&i| i < KG_BUFFERS).ok_or(kg_status::KG_ERROR_INDEX)?;
     let (room, most) = (detector.rooms()[index], detector.high_water()[index]);
     Ok(kg_buffer { bytes: room.bytes, capacity: room.capacity, most: usize::try_from(most).unwrap_or(usize::MAX) })

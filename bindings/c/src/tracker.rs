@@ -6,11 +6,11 @@
 use core::ffi::c_void;
 use core::ptr::addr_of_mut;
 
-use keygraph_core::{State, TRACKS, Track, Tracker, Window};
+use keygraph_core::{Frame, Model, Profile, State, TRACKS, Track, Tracker, Window};
 
 use crate::boundary::{Outcome, list, put, told};
 use crate::detection::kg_detection;
-use crate::detector::{Work, kg_detector, kg_options, suits};
+use crate::detector::{self, Work, kg_detector, kg_options, suits, with_slot};
 use crate::frame::{frame_of, kg_frame};
 use crate::model::{kg_model, model_of};
 use crate::observer::{Watch, kg_observer, kg_stats, put_stats};
@@ -105,6 +105,33 @@ pub unsafe extern "C" fn kg_tracker_init(
     told(init())
 }
 
+/// Follows the objects of a model in the next frame.
+///
+/// # Safety
+/// Both slots are valid, and nobody works on the tracker's.
+unsafe fn follow<P: Profile>(
+    slot: *mut Slot,
+    detector: *mut detector::Slot<P>,
+    (frame, window): (&Frame<'_>, Option<Window>),
+    model: &Model<'_>,
+    options: &kg_options,
+    watch: &mut Watch,
+) -> Outcome {
+    // SAFETY: the contract is the same.
+    let (_detector, d) = unsafe { Work::begin(detector, options, window) }?;
+    // SAFETY: the slot is valid, and nobody works on it. The head, which a callback may read, is not
+    // borrowed.
+    let (tracker, last) = unsafe { (&mut (*slot).tracker, &mut (*slot).window) };
+    if *last != window {
+        tracker.reset();
+        *last = window;
+    }
+    // SAFETY: the slot is valid.
+    let _tracker = unsafe { Work::on(slot.cast()) };
+    tracker.track(d, frame, model, options.threshold, watch)?;
+    Ok(if tracker.stats().stopped { kg_status::KG_STOPPED } else { kg_status::KG_OK })
+}
+
 /// Follows the objects of a model in the next frame, and searches the frame where needed: when nothing
 /// is in sight, when something is in doubt or lost, and every tenth frame. kg_tracker_tracks() then
 /// gives the results. The tracker works in the buffers of `detector`, whose results are lost.
@@ -135,23 +162,7 @@ pub unsafe extern "C" fn kg_tracker_track(
         // SAFETY: the pointers are the caller's to give.
         let mut watch = unsafe { Watch::new(observer, None) }?;
         // SAFETY: the pointers are the caller's to give.
-        let (work, d) = unsafe { Work::begin(detector, &options, window) }?;
-        // SAFETY: the slot is valid, and nobody works on it. The head, which a callback may read, is
-        // not borrowed.
-        let (tracker, last) = unsafe { (&mut (*slot).tracker, &mut (*slot).window) };
-        if *last != window {
-            tracker.reset();
-            *last = window;
-        }
-        // SAFETY: the slot is valid.
-        unsafe { Head::set_working(slot.cast(), true) };
-        let done = tracker.track(d, &frame, &model, options.threshold, &mut watch).map(|_| ());
-        let stopped = tracker.stats().stopped;
-        // SAFETY: the slot is valid.
-        unsafe { Head::set_working(slot.cast(), false) };
-        drop(work);
-        done?;
-        Ok(if stopped { kg_status::KG_STOPPED } else { kg_status::KG_OK })
+        with_slot!(detector, at => unsafe { follow(slot, at, (&frame, window), &model, &options, &mut watch) })
     };
     told(track())
 }
