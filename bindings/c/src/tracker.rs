@@ -62,6 +62,8 @@ struct Slot {
     head: Head,
     /// Part of the frame that the last call looked at.
     window: Option<Window>,
+    /// Whether the last frame was searched.
+    searched: bool,
     tracker: Tracker,
 }
 
@@ -97,6 +99,7 @@ pub unsafe extern "C" fn kg_tracker_init(
         unsafe {
             Head::mark(head, TAG, 0);
             addr_of_mut!((*slot).window).write(None);
+            addr_of_mut!((*slot).searched).write(false);
         }
         // SAFETY: the pointer is the caller's to give.
         unsafe { put(tracker, head.cast()) }?;
@@ -121,7 +124,7 @@ unsafe fn follow<P: Profile>(
     let (_detector, d) = unsafe { Work::begin(detector, options, window) }?;
     // SAFETY: the slot is valid, and nobody works on it. The head, which a callback may read, is not
     // borrowed.
-    let (tracker, last) = unsafe { (&mut (*slot).tracker, &mut (*slot).window) };
+    let (tracker, last, searched) = unsafe { (&mut (*slot).tracker, &mut (*slot).window, &mut (*slot).searched) };
     if *last != window {
         tracker.reset();
         *last = window;
@@ -129,6 +132,7 @@ unsafe fn follow<P: Profile>(
     // SAFETY: the slot is valid.
     let _tracker = unsafe { Work::on(slot.cast()) };
     tracker.track(d, frame, model, options.threshold, watch)?;
+    *searched = tracker.searched();
     Ok(if tracker.stats().stopped { kg_status::KG_STOPPED } else { kg_status::KG_OK })
 }
 
@@ -246,8 +250,8 @@ pub unsafe extern "C" fn kg_tracker_stats(tracker: *mut kg_tracker, stats: *mut 
     let slot = unsafe { slot_of(tracker) };
     told(slot.map(|slot| {
         // SAFETY: the slot is valid, and nobody works on it.
-        let tracker = unsafe { &(*slot).tracker };
+        let (stats_of, searched) = unsafe { ((*slot).tracker.stats(), (*slot).searched) };
         // SAFETY: the pointer is the caller's to give.
-        unsafe { put_stats(tracker.stats(), tracker.searched(), stats) }
+        unsafe { put_stats(stats_of, searched, stats) }
     }))
 }
