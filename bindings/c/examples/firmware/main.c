@@ -8,7 +8,7 @@
 #include "keygraph.h"
 #include "semihosting.h"
 
-enum { FRAME_BYTES = 2 * 320 * 240, STACK_LIMIT = 8192 };
+enum { FRAME_BYTES = 2 * 320 * 240, STACK_LIMIT = 9216 };
 
 KG_MEMORY(detector_memory, KG_QVGA_DETECTOR_BYTES);
 KG_MEMORY(frame_buffer, FRAME_BYTES);
