@@ -3,17 +3,14 @@
 //! In: memory, models, frames. Out: detections, statistics. Memory: KG_..._DETECTOR_BYTES by profile,
 //! and the stack that the README states. Cost: that of the core's detector.
 //!
-//! In the caller's memory is a [`Slot`]: what this interface needs to know, and the detector of a profile. A search
-//! in pieces keeps a reference to the detector there, for as long as it goes on. Until it ends or is
-//! dropped, no other reference to the detector is made.
+//! What is in the caller's memory, and who may use it when, is said in `slot`.
 
 use core::ffi::c_void;
 use core::ptr::addr_of_mut;
 
 use keygraph_core::stages::digest::Digests;
 use keygraph_core::{
-    DEFAULT_THRESHOLD, DETECTIONS, Depth, Detector, Frame, Hd, Model, Observer, Ongoing, Profile, Qqvga, Qvga, Vga,
-    Window,
+    DEFAULT_THRESHOLD, DETECTIONS, Depth, Detector, Frame, Hd, Model, Observer, Profile, Qqvga, Qvga, Vga, Window,
 };
 
 use crate::boundary::{Outcome, list, optional, put, told};
@@ -22,6 +19,7 @@ use crate::frame::{frame_of, kg_frame};
 use crate::model::{kg_model, model_of};
 use crate::observer::{Digesting, Watch, buffer_of, kg_buffer, kg_observer, kg_stats, put_stats};
 use crate::place::{Head, KG_ALIGNMENT, Zeroed, zeroed};
+use crate::slot::{Own, Slot, TAG, Work, idle, with_slot};
 use crate::status::kg_status;
 
 /// Size of the frames that a detector takes: one of KG_PROFILE_...
@@ -95,118 +93,6 @@ pub struct kg_detector {
     _opaque: (),
 }
 
-pub(crate) const TAG: u32 = 0x6b67_4445;
-
-#[repr(C)]
-pub(crate) struct Slot<P: Profile + 'static> {
-    own: Own,
-    /// Search in pieces that has begun and not ended.
-    search: Option<Ongoing<'static, P>>,
-    detector: Detector<P>,
-}
-
-/// What this interface keeps of a detector of any profile.
-#[repr(C)]
-struct Own {
-    head: Head,
-    /// Part of the frame that the last search looked at.
-    window: Option<Window>,
-    /// Model of the search in pieces.
-    model: Option<Model<'static>>,
-    /// When that search began.
-    start: u64,
-}
-
-/// Does something with the slot of a detector, whose profile is known at run time alone. A detector
-/// behind `dyn Profile` would link everything that prints one.
-macro_rules! with_slot {
-    ($detector:expr, $slot:ident => $body:expr) => {{
-        // SAFETY: the caller vouches for the pointer.
-        let head = unsafe { crate::place::Head::of($detector.cast(), crate::detector::TAG) }?;
-        // SAFETY: the head is valid.
-        match unsafe { (*head).profile } {
-            crate::detector::KG_PROFILE_QQVGA => {
-                let $slot = head.cast::<crate::detector::Slot<keygraph_core::Qqvga>>();
-                $body
-            }
-            crate::detector::KG_PROFILE_QVGA => {
-                let $slot = head.cast::<crate::detector::Slot<keygraph_core::Qvga>>();
-                $body
-            }
-            crate::detector::KG_PROFILE_VGA => {
-                let $slot = head.cast::<crate::detector::Slot<keygraph_core::Vga>>();
-                $body
-            }
-            _ => {
-                let $slot = head.cast::<crate::detector::Slot<keygraph_core::Hd>>();
-                $body
-            }
-        }
-    }};
-}
-pub(crate) use with_slot;
-
-/// Returns the detector for reading, unless a search in pieces has it, and the part of the frame that it
-/// looked at.
-///
-/// # Safety
-/// The slot comes from `with_slot`; it stays as it is while the detector is borrowed.
-unsafe fn idle<'a, P: Profile>(slot: *mut Slot<P>) -> Outcome<(&'a Detector<P>, Option<Window>)> {
-    // SAFETY: the slot is valid, and nobody works on it.
-    let searching = unsafe { (*slot).search.is_some() };
-    if searching {
-        return Err(kg_status::KG_ERROR_BUSY);
-    }
-    // SAFETY: no search in pieces has the detector, and nobody works on it.
-    Ok(unsafe { (&(*slot).detector, (*slot).own.window) })
-}
-
-/// A detector that is at work: until this is dropped, all calls that would use it are refused.
-pub(crate) struct Work {
-    head: *mut Head,
-}
-
-impl Work {
-    /// Takes a detector, ends a search in pieces, and sets the options.
-    ///
-    /// # Safety
-    /// The slot comes from `with_slot`; nobody else uses it until the work is dropped.
-    pub(crate) unsafe fn begin<P: Profile>(
-        slot: *mut Slot<P>,
-        options: &kg_options,
-        window: Option<Window>,
-    ) -> Outcome<(Self, &'static mut Detector<P>)> {
-        // SAFETY: the slot is valid, and nobody works on it.
-        unsafe {
-            (*slot).search = None;
-            (*slot).own.window = window;
-        }
-        // SAFETY: the search in pieces that had a reference is gone.
-        let d = unsafe { &mut (*slot).detector };
-        d.set_depth(options.depth()?);
-        d.set_min_visible(options.min_visible);
-        // SAFETY: the slot is valid, and begins with a head.
-        Ok((unsafe { Self::on(slot.cast()) }, d))
-    }
-
-    /// Marks an object as at work.
-    ///
-    /// # Safety
-    /// The head is valid, and stays so until the work is dropped.
-    pub(crate) unsafe fn on(head: *mut Head) -> Self {
-        // SAFETY: the contract is the same.
-        unsafe { Head::set_working(head, true) };
-        Self { head }
-    }
-}
-
-impl Drop for Work {
-    fn drop(&mut self) {
-        // SAFETY: it was valid when the work began, and nobody else could use it since.
-        unsafe { Head::set_working(self.head, false) };
-    }
-}
-
 impl kg_options {
     const DEFAULT: Self = Self { threshold: KG_DEFAULT_THRESHOLD, min_visible: 0.0, depth: KG_DEPTH_USUAL };
 
@@ -226,7 +112,7 @@ impl kg_options {
         }
     }
 
-    const fn depth(&self) -> Outcome<Depth> {
+    pub(crate) const fn depth(&self) -> Outcome<Depth> {
         Ok(match self.depth {
             KG_DEPTH_USUAL => Depth::Usual,
             KG_DEPTH_ONCE => Depth::Once,

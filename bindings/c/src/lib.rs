@@ -31,6 +31,7 @@ mod frame;
 mod model;
 mod observer;
 mod detection;
+mod slot;
 mod detector;
 mod tracker;
 mod trainer;

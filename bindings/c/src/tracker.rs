@@ -10,11 +10,12 @@ use keygraph_core::{Frame, Model, Profile, State, TRACKS, Track, Tracker, Window
 
 use crate::boundary::{Outcome, list, put, told};
 use crate::detection::kg_detection;
-use crate::detector::{self, Work, kg_detector, kg_options, suits, with_slot};
+use crate::detector::{kg_detector, kg_options, suits};
 use crate::frame::{frame_of, kg_frame};
 use crate::model::{kg_model, model_of};
 use crate::observer::{Watch, kg_observer, kg_stats, put_stats};
 use crate::place::{Head, Zeroed, zeroed};
+use crate::slot::{self, Work, with_slot};
 use crate::status::kg_status;
 
 /// Bytes of a tracker.
@@ -114,7 +115,7 @@ pub unsafe extern "C" fn kg_tracker_init(
 /// Both slots are valid, and nobody works on the tracker's.
 unsafe fn follow<P: Profile>(
     slot: *mut Slot,
-    detector: *mut detector::Slot<P>,
+    detector: *mut slot::Slot<P>,
     (frame, window): (&Frame<'_>, Option<Window>),
     model: &Model<'_>,
     options: &kg_options,
