@@ -19,9 +19,16 @@ __asm__(".section .model, \"a\"\n.incbin \"model.kgm\"\n.text");
 
 uint32_t stack_bytes(void);
 
-#ifdef __ARM_ARCH
-/* CMSDK timer 0 of the emulated board: control, value (counts down at 25 MHz), reload. */
-static volatile uint32_t *const timer = (volatile uint32_t *)0x40000000;
+#ifdef __arm__
+/* CMSDK timer 0 of the emulated board: control, value (counts down), reload. */
+#ifndef TIMER
+#define TIMER 0x40000000
+#endif
+/* Time of a tick. */
+#ifndef TICK_NS
+#define TICK_NS 40
+#endif
+static volatile uint32_t *const timer = (volatile uint32_t *)TIMER;
 
 static void clock_start(void) {
     timer[2] = UINT32_MAX;
@@ -34,12 +41,17 @@ static uint64_t clock_now(void *context) {
     return UINT32_MAX - timer[1];
 }
 #else
+/* With -icount, the emulator's minstret counts the nanoseconds of its time. */
+#define TICK_NS 1
+
 static void clock_start(void) {
 }
 
 static uint64_t clock_now(void *context) {
     (void)context;
-    return 0;
+    uint32_t instructions;
+    __asm__ volatile("csrr %0, minstret" : "=r"(instructions));
+    return instructions;
 }
 #endif
 
@@ -123,9 +135,9 @@ static void report(kg_detector *detector, const kg_model *model, const uint32_t 
         }
         text("\n");
     }
-    /* An instruction takes 16 ns of the emulator's time, a tick 40 ns. */
+    /* An instruction takes 16 ns of the emulator's time. */
     text("instructions ");
-    number((uint32_t)(ticks * 40 / 16), 10, 1);
+    number((uint32_t)(ticks * TICK_NS / 16), 10, 1);
     text("\nstack ");
     number(stack_bytes(), 10, 1);
     text("\n");
