@@ -114,8 +114,11 @@ pub(crate) struct Place {
 
 impl Place {
     /// The start of a search: the first level above the finest.
-    pub(crate) const START: Self = Self {
-        next: Piece::Level(FINEST + 1),
+    pub(crate) const START: Self = Self { next: Piece::Level(FINEST + 1), ..Self::ZERO };
+
+    /// All zero, for memory that holds no search.
+    pub(crate) const ZERO: Self = Self {
+        next: Piece::Level(0),
         tiles: 0,
         before: 0,
         round: 0,

@@ -11,7 +11,7 @@
 
 use crate::detect::buffers::Profile;
 use crate::detect::detector::Detector;
-use crate::detect::plan::{Plan, Wish};
+use crate::detect::plan::{Depth, Wish};
 use crate::detect::search::Place;
 use crate::detect::tile::Tile;
 use crate::follow::still::Still;
@@ -39,31 +39,6 @@ impl Sought {
     }
 }
 
-/// A search that was stopped, and goes on in the next frame.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Pending {
-    pub(super) plan: Plan,
-    pub(super) place: Place,
-    sought: Sought,
-    /// The frame that is searched, [`Detector::loads`].
-    load: u32,
-}
-
-impl Pending {
-    pub(super) const fn new<P: Profile + ?Sized>(
-        detector: &Detector<P>,
-        sought: Sought,
-        plan: Plan,
-        place: Place,
-    ) -> Self {
-        Self { plan, place, sought, load: detector.loads() }
-    }
-
-    pub(super) const fn sought(&self) -> &Sought {
-        &self.sought
-    }
-}
-
 /// What is known of the searches of a sequence.
 #[derive(Debug)]
 pub(super) struct Schedule {
@@ -73,26 +48,40 @@ pub(super) struct Schedule {
     rest: u32,
     /// The tile with which the next search begins; 0 for all of the frame.
     tile: u8,
-    pending: Option<Pending>,
+    /// Whether the last search was stopped, and goes on in the next frame.
+    is_pending: bool,
+    /// Where that search stands.
+    place: Place,
+    /// The frame that it searches, [`Detector::loads`].
+    load: u32,
+    /// What the last search looked for.
+    sought: Sought,
     still: Still,
-    /// What was sought in the frame that `still` remembers.
-    sought: Option<Sought>,
 }
 
 impl Schedule {
-    pub(super) const NEW: Self =
-        Self { since: 0, rest: 0, tile: 0, pending: None, still: Still::NOTHING, sought: None };
+    /// All its bytes are zero.
+    pub(super) const NEW: Self = Self {
+        since: 0,
+        rest: 0,
+        tile: 0,
+        is_pending: false,
+        place: Place::ZERO,
+        load: 0,
+        sought: Sought { wish: Wish { threshold: 0.0, visible: 0.0, depth: Depth::Usual }, model: 0 },
+        still: Still::NOTHING,
+    };
 
     /// Makes the next frame be searched.
     pub(super) const fn search_next(&mut self) {
         (self.since, self.rest) = (SEARCH_EVERY, RECHECK);
-        self.pending = None;
+        self.is_pending = false;
     }
 
     /// Forgets the frames so far.
     pub(super) fn reset(&mut self) {
         self.tile = 0;
-        self.pending = None;
+        self.is_pending = false;
         self.still.forget();
     }
 
@@ -108,23 +97,26 @@ impl Schedule {
     }
 
     /// Takes the search that goes on, unless the detector has been used for something else, or
-    /// something else is sought now.
+    /// something else is sought now. Returns where it stands.
     pub(super) fn take_pending<P: Profile + ?Sized>(
         &mut self,
         detector: &Detector<P>,
         sought: &Sought,
-    ) -> Option<Pending> {
-        self.pending.take().filter(|p| p.load == detector.loads() && p.sought == *sought)
+    ) -> Option<Place> {
+        let suits = self.is_pending && self.load == detector.loads() && self.sought == *sought;
+        self.is_pending = false;
+        suits.then_some(self.place)
     }
 
     /// Keeps a search that goes on in the next frame.
-    pub(super) fn keep(&mut self, pending: Pending) {
-        self.pending = Some(pending);
+    pub(super) fn keep<P: Profile + ?Sized>(&mut self, detector: &Detector<P>, place: Place, sought: &Sought) {
+        self.still.forget();
+        (self.is_pending, self.place, self.load, self.sought) = (true, place, detector.loads(), *sought);
     }
 
     /// Whether a frame may show something new. Where it does not, it counts as searched.
     pub(super) fn may_be_new(&mut self, frame: &PyramidView<'_>, sought: &Sought) -> bool {
-        let known = self.rest < RECHECK && self.tile == 0 && self.sought == Some(*sought) && self.still.holds(frame);
+        let known = self.rest < RECHECK && self.tile == 0 && self.sought == *sought && self.still.holds(frame);
         if known {
             self.since = 0;
         }
@@ -141,7 +133,7 @@ impl Schedule {
         // After a search that began with a tile, other parts are of frames before.
         if self.tile == 0 {
             self.still.remember(frame);
-            self.sought = Some(*sought);
+            self.sought = *sought;
         } else {
             self.still.forget();
         }

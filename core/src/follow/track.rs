@@ -36,8 +36,9 @@ use crate::detect::buffers::Profile;
 use crate::detect::detection::Detection;
 use crate::detect::detector::Detector;
 use crate::detect::observer::{Observer, Stats, passed};
+use crate::detect::search::Place;
 use crate::follow::instance::{State, Track};
-use crate::follow::schedule::{Pending, Schedule, Sought};
+use crate::follow::schedule::{Schedule, Sought};
 use crate::follow::sight::{Sight, follow, part_of};
 use crate::image::frame::{Frame, FrameError};
 use crate::model::parse::Model;
@@ -123,7 +124,7 @@ impl Tracker {
         self.schedule.count();
         let task = Task { frame, model, threshold, sought };
         match pending {
-            Some(pending) => self.go_on(detector, pending, &task, observer)?,
+            Some(place) => self.go_on(detector, place, &task, observer)?,
             None => self.look(detector, &task, observer)?,
         }
         self.settle();
@@ -161,9 +162,8 @@ impl Tracker {
         let is_doubtful = lost || gone;
         self.searched = is_doubtful || due && self.schedule.may_be_new(&detector.frame(), &sought);
         if self.searched {
-            let (plan, mut place) = (detector.plan(model, threshold), self.schedule.start());
-            let over = detector.go_on(model, (&plan, &mut place), observer);
-            self.end_search(detector, Pending::new(detector, sought, plan, place), model, over, observer);
+            let place = self.schedule.start();
+            self.search(detector, place, task, observer);
         }
         self.stats.add(detector.stats());
         self.stats.ticks[Stage::Accept as usize] += following;
@@ -175,16 +175,15 @@ impl Tracker {
     fn go_on<P: Profile + ?Sized>(
         &mut self,
         detector: &mut Detector<P>,
-        mut pending: Pending,
+        place: Place,
         task: &Task<'_>,
         observer: &mut dyn Observer,
     ) -> Result<(), FrameError> {
-        let &Task { frame, model, threshold, sought: _ } = task;
+        let &Task { frame, model, threshold, .. } = task;
         self.tracks.iter_mut().for_each(Track::begin_frame);
         detector.restart_stats();
-        let over = detector.go_on(model, (&pending.plan, &mut pending.place), observer);
         let first = self.next_id;
-        self.end_search(detector, pending, model, over, observer);
+        self.search(detector, place, task, observer);
         self.searched = true;
         self.stats = *detector.stats();
         if self.tracks.iter().any(|t| t.seen) {
@@ -209,25 +208,27 @@ impl Tracker {
         Ok(())
     }
 
-    /// Takes over what a search has found, and notes how it goes on.
-    fn end_search<P: Profile + ?Sized>(
+    /// Searches the frame in the detector from this place on. Takes over what has been found, and notes how
+    /// the search goes on.
+    fn search<P: Profile + ?Sized>(
         &mut self,
         detector: &mut Detector<P>,
-        mut pending: Pending,
-        model: &Model<'_>,
-        over: bool,
+        mut place: Place,
+        task: &Task<'_>,
         observer: &mut dyn Observer,
     ) {
-        let tile = pending.place.tiles();
-        if over {
-            self.schedule.searched_all(&detector.frame(), pending.sought());
+        let &Task { model, threshold, sought, .. } = task;
+        let plan = detector.plan(model, threshold);
+        if detector.go_on(model, (&plan, &mut place), observer) {
+            self.schedule.searched_all(&detector.frame(), &sought);
         } else {
             // What has been found is told now, and not when the search is over.
-            let found = detector.finish(model, (&pending.plan, &mut pending.place), observer);
+            let tile = place.tiles();
+            let found = detector.finish(model, (&plan, &mut place), observer);
             if found || self.tracks.iter().any(|t| t.seen) {
-                self.schedule.stopped_at(tile, pending.plan.wants_tiles(usize::MAX));
+                self.schedule.stopped_at(tile, plan.wants_tiles(usize::MAX));
             } else {
-                self.schedule.keep(pending);
+                self.schedule.keep(detector, place, &sought);
             }
         }
         self.merge(detector.detections());
