@@ -1,64 +1,25 @@
 //! Detectors and trackers.
 //!
-//! In: models, options, frames. Out: [`Answer`]s. Memory: a detector of the core for each object, on the
-//! heap (1.2 MB for the profile vga). Cost: that of the core, and some microseconds. The interpreter is
-//! released from the pixels to the results; a second thread that uses the same detector waits.
+//! In: models, options, frames. Out: lists of detections. Memory: a detector of the core for each object
+//! of Python, on the heap (1.2 MB for the profile vga). Cost: that of the search, and some microseconds.
+//! The interpreter is released from the pixels to the results. A second thread that uses the same
+//! detector waits.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::{Mutex, MutexGuard, PoisonError};
-use std::thread;
 use std::time::{Duration, Instant};
 
-use keygraph::picture::{Picture, Pixels};
 use keygraph::region::Region;
-use keygraph::search::{AnyDetector, Found, Profile, Request, depth_of, follow_frame, prepare, search_frame};
-use keygraph_core::{
-    Frame, FrameError, HdDetector, Homography, PixelFormat, QqvgaDetector, QvgaDetector, VgaDetector, Window,
-};
+use keygraph::search::{Found, Profile, Request, depth_of, follow_frame, search_frame};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 
-use crate::errors::{defect, exception, frame_error, value_error};
+use crate::errors::{defect, value_error};
 use crate::frame::{Reading, View, frame, path_of};
 use crate::model::{Model, joined, listed};
 use crate::result::{Answer, detections};
-use crate::sensor::{checked, picture};
-
-/// A detector of the core in memory of its own.
-#[derive(Debug)]
-enum Room {
-    Hd(Box<HdDetector>),
-    Vga(Box<VgaDetector>),
-    Qvga(Box<QvgaDetector>),
-    Qqvga(Box<QqvgaDetector>),
-}
-
-/// A stack on which the largest detector can be made before it moves to the heap.
-const STACK: usize = 32 << 20;
-
-impl Room {
-    /// A new detector. A thread with a large stack makes it: that of the caller may be small.
-    fn new(profile: Profile) -> PyResult<Self> {
-        let make = move || match profile {
-            Profile::Hd => Self::Hd(Box::default()),
-            Profile::Vga => Self::Vga(Box::default()),
-            Profile::Qvga => Self::Qvga(Box::default()),
-            Profile::Qqvga => Self::Qqvga(Box::default()),
-        };
-        let maker = thread::Builder::new().stack_size(STACK).spawn(make)?;
-        maker.join().map_err(|_| defect("the detector cannot be made"))
-    }
-
-    fn any(&mut self) -> &mut AnyDetector {
-        match self {
-            Self::Hd(d) => &mut **d,
-            Self::Vga(d) => &mut **d,
-            Self::Qvga(d) => &mut **d,
-            Self::Qqvga(d) => &mut **d,
-        }
-    }
-}
+use crate::search::{Refused, Room, Search};
 
 /// The profiles, by name.
 const PROFILES: [(&str, Profile); 4] =
@@ -106,142 +67,6 @@ fn budget(ms: f64) -> PyResult<Duration> {
         return Ok(Duration::from_secs_f64(ms / 1e3));
     }
     Err(PyValueError::new_err(format!("budget_ms: expected a number of ms above 0, got {ms}")))
-}
-
-/// Searches a frame in the memory of a detector.
-struct Search<'a> {
-    model: &'a Model,
-    request: &'a Request,
-    start: Instant,
-}
-
-/// Why a frame was not searched.
-enum Refused {
-    Frame(FrameError),
-    Other(anyhow::Error),
-}
-
-impl From<FrameError> for Refused {
-    fn from(e: FrameError) -> Self {
-        Self::Frame(e)
-    }
-}
-
-impl From<Refused> for PyErr {
-    fn from(refused: Refused) -> Self {
-        match refused {
-            Refused::Frame(e) => frame_error(e),
-            Refused::Other(e) => exception(&e),
-        }
-    }
-}
-
-impl Search<'_> {
-    /// Prepares the pixels, calls `work` with them, and maps the results to px of the whole frame.
-    fn run(
-        &self,
-        view: &View<'_>,
-        work: impl FnOnce(&Frame<'_>) -> Result<Found, FrameError>,
-    ) -> Result<Found, Refused> {
-        let found = match self.directly(view)? {
-            Ok((frame, to_picture, part)) => {
-                let mut found = work(&frame)?;
-                if part.is_some() {
-                    found.map_back(&to_picture);
-                }
-                Found { part, ..found }
-            }
-            Err(()) => self.prepared(view, work)?,
-        };
-        let total_ns = u64::try_from(self.start.elapsed().as_nanos()).unwrap_or(u64::MAX);
-        Ok(Found { mirrored: self.request.mirror, total_ns, ..found })
-    }
-
-    /// The frame as it is in memory, or a part of it, when it fits the detector so.
-    #[allow(clippy::type_complexity, reason = "what is searched, and where it lies")]
-    fn directly<'v>(
-        &self,
-        view: &View<'v>,
-    ) -> Result<Result<(Frame<'v>, Homography, Option<keygraph::picture::Part>), ()>, Refused> {
-        let View::Raw(layout, data) = view else { return self.borrowed(view) };
-        let frame = checked(layout, data)?;
-        let Some(region) = self.request.region else {
-            let fits = self.fits(layout.width, layout.height);
-            return Ok(if fits { Ok((frame, Homography::IDENTITY, None)) } else { Err(()) });
-        };
-        let shares = !matches!(
-            layout.format,
-            PixelFormat::Rgb8 | PixelFormat::Gray8 | PixelFormat::Rgb565 | PixelFormat::Rgb565Be
-        );
-        let pixels = if shares { Pixels::I420(Vec::new()) } else { Pixels::Gray8(Vec::new()) };
-        let side = |v: usize| u32::try_from(v).unwrap_or(u32::MAX);
-        let outline = Picture { width: side(layout.width), height: side(layout.height), pixels };
-        let part = region.part(&outline).map_err(|e| Refused::Other(e.into()))?;
-        let [x, y, width, height] = [part.x, part.y, part.width, part.height].map(|v| v as usize);
-        if !self.fits(width, height) {
-            return Ok(Err(()));
-        }
-        let window = Window { x, y, width, height };
-        Ok(Ok((frame.window(window)?, window.to_frame(), Some(part))))
-    }
-
-    /// A picture of the host as a frame, when all of it is searched as it is.
-    #[allow(clippy::type_complexity, reason = "as above")]
-    fn borrowed<'v>(
-        &self,
-        view: &View<'v>,
-    ) -> Result<Result<(Frame<'v>, Homography, Option<keygraph::picture::Part>), ()>, Refused> {
-        let View::Picture(picture) = view else { return Ok(Err(())) };
-        let (width, height) = view.size();
-        if self.request.region.is_some() || !self.fits(width, height) {
-            return Ok(Err(()));
-        }
-        let (format, bytes) = match &picture.pixels {
-            Pixels::Rgb8(b) => (PixelFormat::Rgb8, b),
-            Pixels::Gray8(b) => (PixelFormat::Gray8, b),
-            Pixels::I420(b) => (PixelFormat::I420, b),
-        };
-        Ok(Ok((Frame::new(format, width, height, bytes)?, Homography::IDENTITY, None)))
-    }
-
-    /// Whether pixels of this size are searched without being scaled down or mirrored.
-    fn fits(&self, width: usize, height: usize) -> bool {
-        let (side, pixels) = self.request.profile.limits();
-        !self.request.mirror && width.max(height) <= side && width * height <= pixels
-    }
-
-    /// Copies the pixels as far as needed: gathered, cut, scaled down, mirrored.
-    fn prepared(
-        &self,
-        view: &View<'_>,
-        work: impl FnOnce(&Frame<'_>) -> Result<Found, FrameError>,
-    ) -> Result<Found, Refused> {
-        let (width, height) = view.size();
-        if self.request.region.is_none()
-            && self.fits(width, height)
-            && let Some((format, bytes)) = view.gathered()
-        {
-            return Ok(work(&Frame::new(format, width, height, &bytes)?)?);
-        }
-        let owned;
-        let picture = match view {
-            View::Picture(picture) => picture,
-            _ => {
-                owned = picture(view)?;
-                &owned
-            }
-        };
-        let scaled = prepare(picture, self.request).map_err(|e| Refused::Other(e.into()))?;
-        let frame = Frame::new(scaled.format, scaled.width, scaled.height, &scaled.data).map_err(|e| {
-            let (width, height) = (scaled.width, scaled.height);
-            let said =
-                format!("the frame has {}x{} px, {width}x{height} at this profile", picture.width, picture.height);
-            Refused::Other(anyhow::Error::from(e).context(said))
-        })?;
-        let mut found = work(&frame)?;
-        found.map_back(&scaled.to_picture);
-        Ok(Found { part: scaled.part, ..found })
-    }
 }
 
 /// The lock of a detector. A detector keeps nothing from frame to frame that a panic could damage.
@@ -356,8 +181,8 @@ impl Detector {
     ) -> PyResult<Bound<'py, PyAny>> {
         let reading = Reading::new(order, format, size, stride)?;
         answer(frame, &reading, (&self.model, &self.request), |search, view| {
-            let mut room = lock(&self.room);
-            search.run(view, |frame| search_frame(room.any(), frame, search.model.view(), search.request))
+            let Room { detector, scratch } = &mut *lock(&self.room);
+            search.run(view, scratch, |frame| search_frame(detector.any(), frame, search.model.view(), search.request))
         })
     }
 
@@ -474,13 +299,14 @@ impl Tracker {
         let reading = Reading::new(order, format, size, stride)?;
         answer(frame, &reading, (&self.model, &self.request), |search, view| {
             let mut trail = lock(&self.trail);
-            let Trail { room, tracker, size } = &mut *trail;
+            let Trail { room: Room { detector, scratch }, tracker, size } = &mut *trail;
             // The size is put back below, when the frame was tracked.
             if size.take().is_none_or(|before| before != view.size()) {
                 tracker.reset();
             }
-            let found = search
-                .run(view, |frame| follow_frame(room.any(), tracker, frame, search.model.view(), search.request))?;
+            let found = search.run(view, scratch, |frame| {
+                follow_frame(detector.any(), tracker, frame, search.model.view(), search.request)
+            })?;
             *size = Some(view.size());
             Ok(found)
         })

@@ -359,37 +359,54 @@ impl View<'_> {
         }
     }
 
-    /// The samples of RGB or gray, one after the other.
-    pub fn gathered(&self) -> Option<(PixelFormat, Vec<u8>)> {
+    /// Puts the samples of RGB or gray one after the other into `out`. Returns their format; `None` when
+    /// they are elsewhere already.
+    pub fn gather(&self, out: &mut Vec<u8>) -> Option<PixelFormat> {
         match self {
-            Self::Colour(view, bgr) => Some((PixelFormat::Rgb8, gather(view.reborrow(), *bgr))),
-            Self::Gray(view) => Some((PixelFormat::Gray8, view.iter().copied().collect())),
+            Self::Colour(view, bgr) => {
+                gather(view.reborrow(), *bgr, out);
+                Some(PixelFormat::Rgb8)
+            }
+            Self::Gray(view) => {
+                out.clear();
+                out.extend(view.iter());
+                Some(PixelFormat::Gray8)
+            }
             _ => None,
         }
     }
 }
 
-/// Copies colour in the order of RGB; `bgr` says that blue comes first.
-fn gather(mut view: ArrayView3<'_, u8>, bgr: bool) -> Vec<u8> {
+/// Copies colour in the order of RGB into `out`; `bgr` says that blue comes first.
+fn gather(mut view: ArrayView3<'_, u8>, bgr: bool, out: &mut Vec<u8>) {
     let mut swap = bgr;
     if view.strides()[2] < 0 {
         view.invert_axis(Axis(2));
         swap = !swap;
     }
-    let mut out = vec![0; view.len()];
+    // What is there from the frame before is overwritten.
+    out.resize(view.len(), 0);
     let width = view.shape()[1];
     if width == 0 {
-        return out;
+        return;
     }
     for (to, from) in out.chunks_exact_mut(3 * width).zip(view.outer_iter()) {
         let to = to.as_chunks_mut::<3>().0;
         match from.as_slice() {
-            Some(from) if swap => to.iter_mut().zip(from.as_chunks::<3>().0).for_each(|(t, &[b, g, r])| *t = [r, g, b]),
+            Some(from) if swap => reverse(from.as_chunks::<3>().0, to),
             Some(from) => to.as_flattened_mut().copy_from_slice(from),
-            None => to.iter_mut().zip(from.outer_iter()).for_each(|(t, p)| {
-                *t = if swap { [p[2], p[1], p[0]] } else { [p[0], p[1], p[2]] };
-            }),
+            None => {
+                for channel in 0..3 {
+                    let at = if swap { 2 - channel } else { channel };
+                    to.iter_mut().zip(from.index_axis(Axis(1), channel)).for_each(|(pixel, &v)| pixel[at] = v);
+                }
+            }
         }
     }
-    out
+}
+
+/// Turns BGR into RGB. With the vectors of AVX2 it takes a tenth of the time.
+#[multiversion::multiversion(targets("x86_64+avx2"))]
+fn reverse(from: &[[u8; 3]], to: &mut [[u8; 3]]) {
+    to.iter_mut().zip(from).for_each(|(to, &[b, g, r])| *to = [r, g, b]);
 }

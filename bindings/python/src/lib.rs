@@ -8,6 +8,7 @@
 //! - [`sensor`]: frames of any format as pictures
 //! - [`model`]: training, packing, loading, saving
 //! - [`result`]: detections, and the line of a frame
+//! - [`search`]: one frame through a detector of the core
 //! - [`detector`]: detectors and trackers
 //! - [`space`]: poses in space
 //! - [`drawing`]: pictures of results
@@ -19,6 +20,7 @@ mod frame;
 mod sensor;
 mod model;
 mod result;
+mod search;
 mod detector;
 mod space;
 mod drawing;

@@ -17,14 +17,14 @@ pub fn picture(view: &View<'_>) -> Result<Picture, FrameError> {
     if let View::Picture(picture) = view {
         return Ok((*picture).clone());
     }
-    let pixels = match (view, view.gathered()) {
+    let mut bytes = Vec::new();
+    let pixels = match (view, view.gather(&mut bytes)) {
         (View::Raw(layout, data), _) => {
             checked(layout, data)?;
             of_raw(layout, data)
         }
-        (_, Some((PixelFormat::Rgb8, bytes))) => Pixels::Rgb8(bytes),
-        (_, Some((_, bytes))) => Pixels::Gray8(bytes),
-        (_, None) => Pixels::Gray8(Vec::new()),
+        (_, Some(PixelFormat::Rgb8)) => Pixels::Rgb8(bytes),
+        _ => Pixels::Gray8(bytes),
     };
     let side = |v: usize| u32::try_from(v).unwrap_or(u32::MAX);
     let height = if matches!(pixels, Pixels::I420(_)) { height & !1 } else { height };
