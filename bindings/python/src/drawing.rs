@@ -10,9 +10,9 @@ use image::{ExtendedColorType, ImageEncoder};
 use keygraph::annotate::{Outline, draw_axes, draw_label, draw_outline};
 use keygraph::canvas::Canvas;
 use keygraph::output::plain;
-use keygraph::picture::{Picture, Pixels, read_picture};
+use keygraph::picture::{EXTENSIONS, Picture, Pixels, extension, read_picture};
 use numpy::{PyArray1, PyArrayMethods};
-use pyo3::exceptions::PyValueError;
+use pyo3::exceptions::{PyOSError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
@@ -45,6 +45,29 @@ pub fn imread(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyAny>> {
     array(py, &picture)
 }
 
+/// Writes a frame as a PNG or JPEG picture, whole or not at all; the extension of `path` chooses.
+///
+/// Args:
+///     path: The file to write: `.png`, `.jpg` or `.jpeg`.
+///     frame: As for Detector.detect.
+///     order: `"rgb"`, or `"bgr"` as OpenCV has it.
+///
+/// Raises:
+///     ValueError: The extension is another one.
+///     OSError: The file cannot be written.
+#[pyfunction]
+#[pyo3(signature = (path, frame, *, order="rgb"))]
+pub fn imwrite(path: PathBuf, frame: &Bound<'_, PyAny>, order: &str) -> PyResult<()> {
+    if !EXTENSIONS.contains(&extension(&path).as_str()) {
+        let path = path.display();
+        return Err(PyValueError::new_err(format!("path: expected a name with .png, .jpg or .jpeg, got {path}")));
+    }
+    let given = self::frame(frame, &Reading::new(order, None, None, None)?)?;
+    let view = given.view()?;
+    let canvas = frame.py().detach(|| picture(&view).map(|p| Canvas::from_picture(&p))).map_err(frame_error)?;
+    frame.py().detach(|| canvas.save(&path)).map_err(|e| PyOSError::new_err(format!("{e:#}")))
+}
+
 /// Draws outlines, names and scores into a copy of a frame, and the axes of poses: x red, y green, z blue.
 ///
 /// Args:
@@ -56,12 +79,12 @@ pub fn imread(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyAny>> {
 /// Returns:
 ///     An array of uint8 of shape (H, W, 3), in the order of RGB.
 #[pyfunction]
-#[pyo3(signature = (frame, detections, *, poses=Vec::new(), order="rgb", format=None, size=None, stride=None))]
+#[pyo3(signature = (frame, detections, *, poses=None, order="rgb", format=None, size=None, stride=None))]
 #[allow(clippy::too_many_arguments, reason = "the arguments of Python, which have names")]
 pub fn draw<'py>(
     frame: &Bound<'py, PyAny>,
     detections: Vec<Py<Detection>>,
-    poses: Vec<Option<Py<Pose>>>,
+    poses: Option<Vec<Option<Py<Pose>>>>,
     order: &str,
     format: Option<&str>,
     size: Option<(usize, usize)>,
@@ -72,7 +95,7 @@ pub fn draw<'py>(
     let given = self::frame(frame, &reading)?;
     let view = given.view()?;
     let outlines: Vec<Outline> = detections.iter().map(|d| outline(d.get())).collect();
-    let axes: Vec<[[f32; 2]; 4]> = poses.iter().flatten().map(|p| p.get().ends()).collect();
+    let axes: Vec<[[f32; 2]; 4]> = poses.iter().flatten().flatten().map(|p| p.get().ends()).collect();
     let canvas = py.detach(|| {
         let mut canvas = Canvas::from_picture(&picture(&view)?);
         outlines.iter().for_each(|o| draw_outline(&mut canvas, o));

@@ -34,7 +34,7 @@ mod _keygraph {
     #[pymodule_export]
     use crate::detector::{Detector, Tracker};
     #[pymodule_export]
-    use crate::drawing::{draw, imread, png};
+    use crate::drawing::{draw, imread, imwrite, png};
     #[pymodule_export]
     use crate::errors::{ModelFileError, TrainingError, TrainingWarning};
     #[pymodule_export]

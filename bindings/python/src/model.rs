@@ -17,7 +17,7 @@ use keygraph::search::{Profile, search};
 use keygraph::structure::structure;
 use keygraph_core::{DEFAULT_THRESHOLD, FeatureKind, Method, NAME_BYTES};
 use pyo3::IntoPyObjectExt;
-use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::exceptions::{PyOSError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::pybacked::PyBackedBytes;
 use pyo3::types::{PyBytes, PyList, PyTuple, PyType};
@@ -138,7 +138,8 @@ impl Model {
 
     /// Writes the model to a file, whole or not at all.
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
-        py.detach(|| write_file(&path, |file| Ok(file.write_all(self.data())?))).map_err(|e| exception(&e))
+        py.detach(|| write_file(&path, |file| Ok(file.write_all(self.data())?)))
+            .map_err(|e| PyOSError::new_err(format!("{e:#}")))
     }
 
     /// The bytes of the model file.

@@ -17,7 +17,8 @@ def planes(rgb: Bytes) -> tuple[Bytes, Bytes, Bytes]:
     height, width = y.shape
 
     def halved(plane: NDArray[np.float64]) -> Bytes:
-        return np.rint(plane.reshape(height // 2, 2, width // 2, 2).mean((1, 3))).astype(np.uint8)
+        means: Bytes = np.rint(plane.reshape(height // 2, 2, width // 2, 2).mean((1, 3))).astype(np.uint8)
+        return means
 
     return np.rint(y).astype(np.uint8), halved(u), halved(v)
 
@@ -25,11 +26,12 @@ def planes(rgb: Bytes) -> tuple[Bytes, Bytes, Bytes]:
 def raw(rgb: Bytes, form: str) -> Bytes:
     """The bytes of a frame in a format, one after the other."""
     if form == "rgb":
-        return rgb.ravel()
+        return rgb.reshape(-1)
     if form in ("rgb565", "rgb565be"):
         r, g, b = (rgb[..., i].astype(np.uint16) for i in range(3))
         words = (r >> 3) << 11 | (g >> 2) << 5 | b >> 3
-        return np.frombuffer(words.astype("<u2" if form == "rgb565" else ">u2").tobytes(), np.uint8)
+        data = words.astype("<u2" if form == "rgb565" else ">u2").tobytes()
+        return np.frombuffer(data, np.uint8)
     y, u, v = planes(rgb)
     if form == "gray":
         return y.ravel()

@@ -15,7 +15,7 @@ FEW = SEQUENCE[0:48:6]
 
 def assert_equal(lines: list[dict[str, Any]], results: list[dict[str, Any]]) -> None:
     assert len(lines) == len(results) > 0
-    for line, result in zip(lines, results):
+    for line, result in zip(lines, results, strict=True):
         assert timeless(result) == timeless(line)
         assert result["time_ms"].keys() == line["time_ms"].keys()
 
@@ -25,7 +25,9 @@ def test_models_have_the_same_bytes(model: keygraph.Model, command: Command, tmp
         path = tmp_path / f"{preset}.kgm"
         command("train", PICTURES / "astronaut.jpg", "--preset", preset, "-o", path)
         assert keygraph.train(PICTURES / "astronaut.jpg", preset=preset).bytes() == path.read_bytes()
-    command("train", PICTURES / "coffee.jpg", "--luma", "--crop", "50,40,400,300", "--name", "cup", "-o", tmp_path / "c.kgm")
+    command(
+        "train", PICTURES / "coffee.jpg", "--luma", "--crop", "50,40,400,300", "--name", "cup", "-o", tmp_path / "c.kgm"
+    )
     ours = keygraph.train(PICTURES / "coffee.jpg", name="cup", luma=True, crop=(50, 40, 400, 300))
     assert ours.bytes() == (tmp_path / "c.kgm").read_bytes()
 
@@ -88,7 +90,11 @@ def test_several_objects(
 ) -> None:
     coffee.save(tmp_path / "coffee.kgm")
     files = ["-m", model_file, "-m", tmp_path / "coffee.kgm"]
-    for flags, options in ([], {}), (["--all-names", "--threshold", "0.2"], {"all_names": True, "threshold": 0.2}):
+    cases: list[tuple[list[str], dict[str, Any]]] = [
+        ([], {}),
+        (["--all-names", "--threshold", "0.2"], {"all_names": True, "threshold": 0.2}),
+    ]
+    for flags, options in cases:
         lines = command("detect", *files, "--json", *flags, *FEW)
         detector = keygraph.Detector([model, coffee], **options)
         assert_equal(lines, [detector.detect(path).to_dict() for path in FEW])
@@ -101,8 +107,8 @@ def test_poses(model: keygraph.Model, model_file: Path, command: Command) -> Non
     lines = command("detect", "-m", model_file, "--json", *camera, *FEW)
     matrix = np.array([[600.0, 0, 319.5], [0, 600, 239.5], [0, 0, 1]])
     detector, count = keygraph.Detector(model), 0
-    for path, line in zip(FEW, lines):
-        for detection, expected in zip(detector.detect(path), line["detections"]):
+    for path, line in zip(FEW, lines, strict=True):
+        for detection, expected in zip(detector.detect(path), line["detections"], strict=True):
             for intrinsics in (matrix, (600, 600, 319.5, 239.5)):
                 pose = keygraph.pose(detection, intrinsics, 200)
                 assert pose is not None

@@ -27,7 +27,7 @@ def result(detector: keygraph.Detector, frame: Any, **reading: Any) -> dict[str,
     return timeless(detector.detect(frame, **reading).to_dict())
 
 
-def near(found: keygraph.Detections, frame_corners: NDArray[np.float32], most_px: float) -> None:
+def near(found: keygraph.Detections, frame_corners: NDArray[Any], most_px: float) -> None:
     assert len(found) == 1
     assert np.abs(found[0].corners - frame_corners).max() < most_px
 
@@ -101,7 +101,9 @@ def test_raw_bytes(form: str, detector: keygraph.Detector, frame: Frame) -> None
     padded = np.pad(row, ((0, 0), (0, pad)), constant_values=99)
     stride = padded.shape[1] * (2 if form == "i420" else 1)
     if form == "i420":
-        padded = np.concatenate([np.pad(data[: 640 * 480].reshape(480, 640), ((0, 0), (0, 8))).ravel(), padded[960:].ravel()])
+        padded = np.concatenate(
+            [np.pad(data[: 640 * 480].reshape(480, 640), ((0, 0), (0, 8))).ravel(), padded[960:].ravel()]
+        )
     assert result(detector, padded.tobytes(), format=form, size=size, stride=stride) == expected
 
 

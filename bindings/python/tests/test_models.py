@@ -50,16 +50,15 @@ def test_presets() -> None:
     assert keygraph.Model(models["paper"].bytes()).preset == "paper", "the method tells"
 
 
-def test_pictures_of_every_kind(model: keygraph.Model) -> None:
+def test_pictures_of_every_kind(compact: keygraph.Model) -> None:
     picture = keygraph.imread(PICTURES / "astronaut.jpg")
-    assert keygraph.train(picture, "astronaut") == model
-    assert keygraph.train(picture[..., ::-1], "astronaut", order="bgr") == model
-    assert keygraph.train(picture.tobytes(), "astronaut", format="rgb", size=(512, 512)) == model
-    assert keygraph.train(picture).names == ["object"]
-    part = keygraph.train(picture, "part", crop="100,50,300,350")
-    assert (part.objects[0].width, part.objects[0].height) == (300, 350)
-    assert part == keygraph.train(np.ascontiguousarray(picture[50:400, 100:400]), "part")
-    assert part == keygraph.train(PICTURES / "astronaut.jpg", "part", crop=(100, 50, 300, 350))
+    assert keygraph.train(picture, "astronaut", "compact") == compact
+    assert keygraph.train(picture[..., ::-1], "astronaut", "compact", order="bgr") == compact
+    assert keygraph.train(picture.tobytes(), "astronaut", "compact", format="rgb", size=(512, 512)) == compact
+    part = keygraph.train(picture, preset="compact", crop="100,50,300,350")
+    assert (part.objects[0].name, part.objects[0].width, part.objects[0].height) == ("object", 300, 350)
+    assert part == keygraph.train(np.ascontiguousarray(picture[50:400, 100:400]), "object", "compact")
+    assert part == keygraph.train(PICTURES / "astronaut.jpg", "object", "compact", crop=(100, 50, 300, 350))
 
 
 def test_packs(model: keygraph.Model, coffee: keygraph.Model, tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import sys
 import types
+from pathlib import Path
 from typing import Any
 
 import keygraph
@@ -34,7 +35,7 @@ def test_arrays_have_their_types_and_shapes(found: keygraph.Detections) -> None:
         (found.polygons[0], (4, 2), np.int32),
     ]
     for array, shape, kind in expected:
-        assert (array.shape, array.dtype) == (shape, kind)
+        assert array.shape == shape and array.dtype == kind
     assert found.ids is None and d.id is None and d.state == "found" and d.unseen == 0
     assert (found.width, found.height, found.complete, found.searched, found.lost) == (640, 480, True, True, [])
     assert found.time_ms["total"] > 0 and "corners" in found.time_ms
@@ -71,12 +72,12 @@ def test_rivals(model: keygraph.Model, frame: Frame) -> None:
 
 def test_drawings(found: keygraph.Detections, frame: Frame) -> None:
     drawn = found.draw()
-    assert (drawn.shape, drawn.dtype) == ((480, 640, 3), np.uint8)
+    assert drawn.shape == (480, 640, 3) and drawn.dtype == np.uint8
     changed = (drawn != frame).any(-1)
     assert 0.005 < changed.mean() < 0.2
     # The middle of each side is drawn over.
     corners = found[0].corners
-    for a, b in zip(corners, np.roll(corners, -1, 0)):
+    for a, b in zip(corners, np.roll(corners, -1, 0), strict=True):
         x, y = np.rint((a + b) / 2).astype(int)
         if 0 <= x < 640 and 0 <= y < 480:
             assert changed[y, x]
@@ -88,6 +89,19 @@ def test_drawings(found: keygraph.Detections, frame: Frame) -> None:
     other = np.ascontiguousarray(frame[..., ::-1])
     assert np.array_equal(found.draw(other, order="bgr"), drawn)
     assert keygraph.draw(frame[..., 0], []).shape == (480, 640, 3)
+
+
+def test_pictures_are_written_and_read(frame: Frame, tmp_path: Path) -> None:
+    keygraph.imwrite(tmp_path / "f.png", frame)
+    assert np.array_equal(keygraph.imread(tmp_path / "f.png"), frame)
+    keygraph.imwrite(tmp_path / "f.png", frame, order="bgr")
+    assert np.array_equal(keygraph.imread(tmp_path / "f.png"), frame[..., ::-1])
+    keygraph.imwrite(tmp_path / "f.jpg", frame)
+    assert np.abs(keygraph.imread(tmp_path / "f.jpg").astype(int) - frame).mean() < 5
+    with pytest.raises(ValueError, match=r"expected a name with \.png, \.jpg or \.jpeg, got"):
+        keygraph.imwrite(tmp_path / "f.gif", frame)
+    with pytest.raises(OSError, match="cannot write"):
+        keygraph.imwrite(tmp_path / "no" / "f.png", frame)
 
 
 def test_notebooks_get_pictures(found: keygraph.Detections, model: keygraph.Model, frame: Frame) -> None:
@@ -119,7 +133,7 @@ def test_supervision_gets_what_it_takes(
 def test_poses(found: keygraph.Detections) -> None:
     pose = keygraph.pose(found[0], (600, 600, 319.5, 239.5), 200)
     assert pose is not None
-    assert (pose.rotation.shape, pose.rotation.dtype) == ((3, 3), np.float64)
+    assert pose.rotation.shape == (3, 3) and pose.rotation.dtype == np.float64
     assert np.allclose(pose.rotation @ pose.rotation.T, np.eye(3), atol=1e-5)
     assert math.isclose(np.linalg.det(pose.rotation), 1, abs_tol=1e-5)
     assert (pose.translation_mm.shape, pose.axes.shape) == ((3,), (4, 2))
@@ -206,9 +220,7 @@ def test_an_assessment_is_of_one_object(model: keygraph.Model, coffee: keygraph.
         ({"wide": True}, TypeError, "wide"),
     ],
 )
-def test_what_is_no_option(
-    options: dict[str, Any], error: type[Exception], said: str, compact: keygraph.Model
-) -> None:
+def test_what_is_no_option(options: dict[str, Any], error: type[Exception], said: str, compact: keygraph.Model) -> None:
     for kind in (keygraph.Detector, keygraph.Tracker):
         with pytest.raises(error, match=said):
             kind(compact, **options)

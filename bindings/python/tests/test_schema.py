@@ -20,7 +20,11 @@ def strict(schema: dict[str, Any]) -> dict[str, Any]:
     """The schema that also refuses fields that it does not describe."""
     closed: dict[str, Any] = json.loads(json.dumps(schema))
     for part in closed["$defs"].values():
-        if part.get("type") == "object" and "additionalProperties" not in part and part is not closed["$defs"]["motion"]:
+        if (
+            part.get("type") == "object"
+            and "additionalProperties" not in part
+            and part is not closed["$defs"]["motion"]
+        ):
             part["unevaluatedProperties" if "$ref" in part else "additionalProperties"] = False
     # What others refer to, and add to, is closed where it is referred to.
     closed["$defs"]["detection"].pop("additionalProperties", None)

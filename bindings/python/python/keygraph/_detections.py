@@ -12,7 +12,7 @@ from keygraph._keygraph import Answer, Detection, _png, draw
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from keygraph._keygraph import Frame, Pose
+    from keygraph._keygraph import Pose, _Frame
 
 
 class Detections(list[Detection]):
@@ -25,7 +25,7 @@ class Detections(list[Detection]):
     written to later is drawn as it is then.
     """
 
-    def __init__(self, detections: Sequence[Detection], answer: Answer, frame: Frame, reading: dict[str, Any]) -> None:
+    def __init__(self, detections: Sequence[Detection], answer: Answer, frame: _Frame, reading: dict[str, Any]) -> None:
         """Detectors and trackers call this; programs need not."""
         super().__init__(detections)
         self._answer = answer
@@ -104,9 +104,9 @@ class Detections(list[Detection]):
 
     def draw(
         self,
-        frame: Frame | None = None,
+        frame: _Frame | None = None,
         *,
-        poses: Sequence[Pose | None] = (),
+        poses: Sequence[Pose | None] | None = None,
         order: str | None = None,
     ) -> NDArray[np.uint8]:
         """An array of shape (H, W, 3), RGB: the frame with outlines, names, scores and axes.
@@ -120,7 +120,7 @@ class Detections(list[Detection]):
 
     def to_supervision(self) -> Any:
         """A `supervision.Detections` with boxes, scores, indices, ids, names and corners."""
-        import supervision  # noqa: PLC0415
+        import supervision  # type: ignore[import-not-found, unused-ignore]
 
         return supervision.Detections(
             xyxy=self.xyxy,

@@ -1,4 +1,5 @@
-from collections.abc import Sequence
+import builtins
+from collections.abc import Iterable, Sequence
 from os import PathLike
 from typing import Any, Literal, Protocol, TypeAlias, final
 
@@ -6,6 +7,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from keygraph._detections import Detections
+
+__all__ = [
+    "Answer",
+    "Assessment",
+    "Detection",
+    "Detector",
+    "Model",
+    "ModelFileError",
+    "ModelObject",
+    "Pose",
+    "Tracker",
+    "TrainingError",
+    "TrainingWarning",
+    "__version__",
+    "_png",
+    "_restore",
+    "assess",
+    "draw",
+    "imread",
+    "imwrite",
+    "pack",
+    "pose",
+    "train",
+]
 
 __version__: str
 
@@ -22,8 +47,8 @@ class _Image(Protocol):
     def convert(self, mode: str, /) -> Any: ...
 
 _Path: TypeAlias = str | PathLike[str]
-Frame: TypeAlias = NDArray[np.uint8] | _Image | _Path | bytes | bytearray | memoryview
-_Models: TypeAlias = Model | _Path | Sequence[Model | _Path]
+_Frame: TypeAlias = NDArray[Any] | _Image | _Path | bytes | bytearray | memoryview
+_Models: TypeAlias = Model | _Path | Iterable[Model | _Path]
 _Preset: TypeAlias = Literal["large", "standard", "compact", "paper"]
 _Profile: TypeAlias = Literal["hd", "vga", "qvga", "qqvga"]
 _Order: TypeAlias = Literal["rgb", "bgr"] | str
@@ -48,12 +73,12 @@ class ModelObject:
 
 @final
 class Model:
-    def __new__(cls, data: bytes | bytearray) -> Model: ...
+    def __new__(cls, data: builtins.bytes | bytearray) -> Model: ...
     @classmethod
     def load(cls, path: _Path) -> Model: ...
     def save(self, path: _Path) -> None: ...
-    def bytes(self) -> bytes: ...
-    def __bytes__(self) -> bytes: ...
+    def bytes(self) -> builtins.bytes: ...
+    def __bytes__(self) -> builtins.bytes: ...
     @property
     def objects(self) -> tuple[ModelObject, ...]: ...
     @property
@@ -139,7 +164,7 @@ class Detector:
     ) -> Detector: ...
     def detect(
         self,
-        frame: Frame,
+        frame: _Frame,
         *,
         order: _Order = "rgb",
         format: _Format | None = None,
@@ -169,7 +194,7 @@ class Tracker:
     ) -> Tracker: ...
     def track(
         self,
-        frame: Frame,
+        frame: _Frame,
         *,
         order: _Order = "rgb",
         format: _Format | None = None,
@@ -217,7 +242,7 @@ class Assessment:
     def _repr_png_(self) -> bytes: ...
 
 def train(
-    image: Frame,
+    image: _Frame,
     name: str | None = None,
     preset: _Preset | str = "large",
     *,
@@ -230,9 +255,10 @@ def train(
 ) -> Model: ...
 def pack(models: _Models) -> Model: ...
 def imread(path: _Path) -> NDArray[np.uint8]: ...
+def imwrite(path: _Path, frame: _Frame, *, order: _Order = "rgb") -> None: ...
 def pose(detection: Detection, intrinsics: _Intrinsics, width_mm: float) -> Pose | None: ...
 def assess(
-    image: Frame,
+    image: _Frame,
     model: Model | None = None,
     *,
     name: str | None = None,
@@ -247,14 +273,14 @@ def assess(
     size: tuple[int, int] | None = None,
 ) -> Assessment: ...
 def draw(
-    frame: Frame,
+    frame: _Frame,
     detections: Sequence[Detection],
     *,
-    poses: Sequence[Pose | None] = (),
+    poses: Sequence[Pose | None] | None = None,
     order: _Order = "rgb",
     format: _Format | None = None,
     size: tuple[int, int] | None = None,
     stride: int | None = None,
 ) -> NDArray[np.uint8]: ...
-def _png(frame: Frame) -> bytes: ...
+def _png(frame: _Frame) -> bytes: ...
 def _restore(data: bytes, name: str | None) -> Model: ...
