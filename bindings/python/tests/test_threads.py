@@ -40,7 +40,8 @@ def test_trackers_and_training_of_several_threads(compact: keygraph.Model) -> No
 
     with ThreadPoolExecutor(4) as pool:
         tracks, models = pool.map(tracked, range(4)), pool.map(trained, range(4))
-        assert all(found == tracked(0) for found in tracks)
+        expected = tracked(0)
+        assert all(found == expected for found in tracks)
         assert all(model == compact for model in models)
 
 
