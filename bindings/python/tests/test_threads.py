@@ -57,19 +57,20 @@ def is_released(work: Callable[[], Any]) -> bool:
             begun.set()
             time.sleep(0)  # This thread gives way after each step.
 
-    walker = threading.Thread(target=walk)
-    walker.start()
-    begun.wait()
     usual = sys.getswitchinterval()
+    # Before the other thread waits for its turn: a wait that has begun keeps its time.
     sys.setswitchinterval(1000)
+    walker = threading.Thread(target=walk)
     try:
+        walker.start()
+        begun.wait()
         before = steps
         work()
         taken = steps - before
     finally:
-        sys.setswitchinterval(usual)
         ended.set()
         walker.join()
+        sys.setswitchinterval(usual)
     return taken > 0
 
 
