@@ -29,7 +29,7 @@
 //! - [`mod@bench`]: what stages cost, in time and memory
 //! - [`run`], [`gallery`]: many frames at once, and where their pictures go
 //! - [`report`], [`words`]: results as JSON, and as sentences
-//! - [`camera`]: live frames of a camera
+//! - `camera`: live frames of a camera (with the feature `live`)
 //! - [`demo`]: the whole path on the pictures of the repository
 
 pub mod file;
@@ -64,6 +64,7 @@ pub mod run;
 pub mod gallery;
 pub mod report;
 pub mod words;
+#[cfg(feature = "live")]
 pub mod camera;
 pub mod demo;
 

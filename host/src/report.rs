@@ -31,7 +31,8 @@ fn pose_object(pose: &Pose) -> Value {
 }
 
 /// The better pose with the other one in `mirrored`; null when there is no pose.
-fn plane_pose_object(poses: Option<&PlanePose>) -> Value {
+#[must_use]
+pub fn plane_pose_object(poses: Option<&PlanePose>) -> Value {
     let Some(poses) = poses else { return Value::Null };
     let mut object = pose_object(&poses.best);
     object["ambiguous"] = json!(poses.is_ambiguous());
@@ -49,26 +50,10 @@ pub fn frame_line(
     found: &Found,
     poses: Option<&[Option<PlanePose>]>,
 ) -> Value {
-    let detections: Vec<Value> = found
-        .detections
-        .iter()
-        .enumerate()
-        .map(|(i, d)| {
-            let track = found.tracking.as_ref().map(|t| t.seen[i]);
-            let mut entry = detection_object(model, d, track.map_or(State::Found, |(_, state)| state));
-            if let Some(rivals) = found.rivals.get(i) {
-                let name = |&(object, score): &(u16, f32)| json!({"object": model.object(usize::from(object)).name, "score": rounded(score, 6)});
-                entry["rivals"] = rivals.iter().map(name).collect();
-            }
-            if let Some((id, _)) = track {
-                entry["id"] = json!(id);
-            }
-            if let Some(poses) = poses {
-                entry["pose"] = plane_pose_object(poses[i].as_ref());
-            }
-            entry
-        })
-        .collect();
+    let mut detections: Vec<Value> = (0..found.detections.len()).map(|i| detection_entry(model, found, i)).collect();
+    for (entry, pose) in detections.iter_mut().zip(poses.unwrap_or_default()) {
+        entry["pose"] = plane_pose_object(pose.as_ref());
+    }
     let mut stages = Map::new();
     let mut times = Map::new();
     times.insert("total".into(), milliseconds(found.total_ns));
@@ -95,17 +80,37 @@ pub fn frame_line(
         line["digests"] = Stage::ALL.iter().map(digest).collect();
     }
     if let Some(tracking) = &found.tracking {
-        let lost = |t: &Track| {
-            let mut entry = detection_object(model, &t.detection, t.state);
-            entry["id"] = json!(t.id);
-            entry["unseen"] = json!(t.unseen);
-            entry
-        };
+        let lost = |t: &Track| lost_entry(model, t);
         line["state"] = json!(if found.detections.is_empty() { "searching" } else { "tracking" });
         line["searched"] = json!(tracking.searched);
         line["lost"] = tracking.lost.iter().map(lost).collect();
     }
     line
+}
+
+/// Detection `index` of a frame, as the line of the frame has it.
+#[must_use]
+pub fn detection_entry(model: &Model<'_>, found: &Found, index: usize) -> Value {
+    let track = found.tracking.as_ref().map(|t| t.seen[index]);
+    let state = track.map_or(State::Found, |(_, state)| state);
+    let mut entry = detection_object(model, &found.detections[index], state);
+    if let Some(rivals) = found.rivals.get(index) {
+        let name = |&(object, score): &(u16, f32)| json!({"object": model.object(usize::from(object)).name, "score": rounded(score, 6)});
+        entry["rivals"] = rivals.iter().map(name).collect();
+    }
+    if let Some((id, _)) = track {
+        entry["id"] = json!(id);
+    }
+    entry
+}
+
+/// An instance that is lost, as the line of a frame has it.
+#[must_use]
+pub fn lost_entry(model: &Model<'_>, track: &Track) -> Value {
+    let mut entry = detection_object(model, &track.detection, track.state);
+    entry["id"] = json!(track.id);
+    entry["unseen"] = json!(track.unseen);
+    entry
 }
 
 fn detection_object(model: &Model<'_>, d: &Detection, state: State) -> Value {

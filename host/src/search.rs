@@ -359,7 +359,7 @@ impl Observer for Watch {
 }
 
 /// A detector of any profile.
-type AnyDetector = Detector<dyn keygraph_core::Profile>;
+pub type AnyDetector = Detector<dyn keygraph_core::Profile>;
 
 /// Maximum number of frames that are searched at once. Detectors live in statics, which
 /// cost no memory until they are used.
@@ -370,8 +370,12 @@ static VGA: [Mutex<VgaDetector>; MAX_THREADS] = [const { Mutex::new(VgaDetector:
 static QVGA: [Mutex<QvgaDetector>; MAX_THREADS] = [const { Mutex::new(QvgaDetector::new()) }; MAX_THREADS];
 static QQVGA: [Mutex<QqvgaDetector>; MAX_THREADS] = [const { Mutex::new(QqvgaDetector::new()) }; MAX_THREADS];
 
-/// Searches a frame, and gathers what there is to report.
-fn search_frame(
+/// Searches a frame that fits the detector, as `request` says. The results are in px of the frame;
+/// profile, region, mirror and format of the request are not used.
+///
+/// # Errors
+/// When the frame is too large for the detector.
+pub fn search_frame(
     detector: &mut AnyDetector,
     frame: &Frame<'_>,
     model: &Model<'_>,
@@ -415,8 +419,12 @@ fn rivals_of(detector: &AnyDetector, detections: &[Detection]) -> Vec<Vec<(u16, 
     detections.iter().map(|d| detector.rivals(d).map(|r| (r.object, r.score)).collect()).collect()
 }
 
-/// Follows objects into the next frame of a sequence, and gathers what there is to report.
-fn follow_frame(
+/// Follows objects into the next frame of a sequence, which fits the detector. The rest is as in
+/// [`search_frame`].
+///
+/// # Errors
+/// When the frame is too large for the detector.
+pub fn follow_frame(
     detector: &mut AnyDetector,
     tracker: &mut Tracker,
     frame: &Frame<'_>,

@@ -72,8 +72,13 @@ struct Schema([(&'static str, Validator); 3]);
 
 impl Schema {
     fn new() -> Self {
-        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/schema/mqtt.json");
-        let all: Value = serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap();
+        let read = |name: &str| -> Value {
+            let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/schema").join(name);
+            serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
+        };
+        let mut all = read("mqtt.json");
+        // The schema beside it becomes a part of it, under its own id.
+        all["$defs"]["beside"] = read("detection.json");
         let of = |name| {
             let schema = json!({"$schema": all["$schema"], "$ref": format!("#/$defs/{name}"), "$defs": all["$defs"]});
             jsonschema::draft202012::new(&schema).unwrap()

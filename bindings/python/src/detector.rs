@@ -1,0 +1,346 @@
+//! Detectors and trackers.
+//!
+//! In: models, options, frames. Out: lists of detections. Memory: a detector of the core for each object
+//! of Python, on the heap (1.2 MB for the profile vga). Cost: that of the search, and some microseconds.
+//! The interpreter is released from the pixels to the results. A second thread that uses the same
+//! detector waits.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::PathBuf;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use keygraph::region::Region;
+use keygraph::search::{Found, Profile, Request, depth_of, follow_frame, search_frame};
+use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::prelude::*;
+
+use crate::errors::{defect, value_error};
+use crate::frame::{Reading, View, frame, path_of};
+use crate::model::{Model, joined, listed};
+use crate::result::{Answer, detections};
+use crate::search::{Refused, Room, Search};
+
+/// The profiles, by name.
+const PROFILES: [(&str, Profile); 4] =
+    [("hd", Profile::Hd), ("vga", Profile::Vga), ("qvga", Profile::Qvga), ("qqvga", Profile::Qqvga)];
+
+/// The profile with a name.
+pub fn profile(name: &str) -> PyResult<Profile> {
+    let found = PROFILES.iter().find(|(known, _)| *known == name).map(|(_, profile)| *profile);
+    found.ok_or_else(|| {
+        PyValueError::new_err(format!("profile: expected \"hd\", \"vga\", \"qvga\" or \"qqvga\", got \"{name}\""))
+    })
+}
+
+fn profile_name(profile: Profile) -> &'static str {
+    PROFILES.iter().find(|(_, p)| *p == profile).map_or("", |(name, _)| *name)
+}
+
+/// The part of each frame that is searched: four lengths in px or percent, or one string of them.
+fn region(roi: &Bound<'_, PyAny>) -> PyResult<Region> {
+    let text = match roi.extract::<String>() {
+        Ok(text) => text,
+        Err(_) => {
+            let wrong = || {
+                PyTypeError::new_err("roi: expected (x, y, width, height), each whole px or a string such as \"25%\"")
+            };
+            let lengths = roi.try_iter().map_err(|_| wrong())?;
+            let lengths = lengths.map(|v| Ok(v?.str()?.to_string())).collect::<PyResult<Vec<_>>>()?;
+            lengths.join(",")
+        }
+    };
+    text.parse().map_err(|e| value_error(format!("roi: {e}")))
+}
+
+fn share(name: &str, v: f32) -> PyResult<f32> {
+    if (0.0..=1.0).contains(&v) {
+        Ok(v)
+    } else {
+        Err(PyValueError::new_err(format!("{name}: expected 0 to 1, got {v}")))
+    }
+}
+
+/// The time of `budget_ms`.
+fn budget(ms: f64) -> PyResult<Duration> {
+    if ms > 0.0 && ms <= 1e6 {
+        return Ok(Duration::from_secs_f64(ms / 1e3));
+    }
+    Err(PyValueError::new_err(format!("budget_ms: expected a number of ms above 0, got {ms}")))
+}
+
+/// The lock of a detector. A detector keeps nothing from frame to frame that a panic could damage.
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Reads a frame, and searches it with `work` while the interpreter is released.
+fn answer<'py>(
+    object: &Bound<'py, PyAny>,
+    reading: &Reading,
+    (model, request): (&Py<Model>, &Request),
+    work: impl Send + FnOnce(&Search<'_>, &View<'_>) -> Result<Found, Refused>,
+) -> PyResult<Bound<'py, PyAny>> {
+    let py = object.py();
+    let source: Option<PathBuf> = path_of(object)?;
+    let given = frame(object, reading)?;
+    let view = given.view()?;
+    let start = Instant::now();
+    let search = Search { model: model.get(), request, start };
+    let found = py.detach(|| catch_unwind(AssertUnwindSafe(|| work(&search, &view))));
+    let found = found.map_err(|_| defect("the search failed"))??;
+    let answer = Answer::new(model.clone_ref(py), found, view.size(), source);
+    detections(answer, object, reading)
+}
+
+/// Finds the objects of models in frames, each frame by itself.
+///
+/// A detector may be used by several threads, which then wait for each other. To search in parallel,
+/// make one for each thread: they share the model's bytes.
+///
+/// Args:
+///     models: A Model, a path of a `.kgm` file, or a list of them. Each gets its own name in results.
+///     profile: Size that frames are searched at, larger ones are scaled down: `"hd"` (1280x720 px),
+///         `"vga"` (640x480), `"qvga"` (320x240) or `"qqvga"` (160x120).
+///     threshold: Minimum score of a detection, 0 to 1.
+///     min_visible: Minimum share of an object that must be seen and agree, 0 to 1.
+///     thorough: Search all of each frame for all of the models, and again in tiles: finds small objects,
+///         in three times the time of a frame that shows nothing.
+///     all_names: Report all objects that could be at a place, and not the best alone.
+///     budget_ms: Stop the search of a frame after this time, ms, and report what was found.
+///     roi: Search this part of each frame alone, at its own resolution: (x, y, width, height), each px or
+///         a string such as `"25%"`. Results stay in px of the whole frame.
+///     mirror: Search frames mirrored left to right, as those of selfie cameras are.
+///     digests: Report a digest of each stage's output in `to_dict()`, to compare machines by.
+#[pyclass(frozen, module = "keygraph")]
+#[derive(Debug)]
+pub struct Detector {
+    model: Py<Model>,
+    request: Request,
+    room: Mutex<Room>,
+}
+
+#[pymethods]
+impl Detector {
+    #[new]
+    #[pyo3(signature = (models, profile="vga", threshold=0.8, *, min_visible=0.0, thorough=false, all_names=false, budget_ms=None, roi=None, mirror=false, digests=false))]
+    #[allow(clippy::too_many_arguments, reason = "the arguments of Python, which have names")]
+    fn new(
+        py: Python<'_>,
+        models: &Bound<'_, PyAny>,
+        profile: &str,
+        threshold: f32,
+        min_visible: f32,
+        thorough: bool,
+        all_names: bool,
+        budget_ms: Option<f64>,
+        roi: Option<&Bound<'_, PyAny>>,
+        mirror: bool,
+        digests: bool,
+    ) -> PyResult<Self> {
+        let request = Request {
+            min_visible: share("min_visible", min_visible)?,
+            depth: depth_of(thorough),
+            all_names,
+            budget: budget_ms.map(budget).transpose()?,
+            region: roi.map(region).transpose()?,
+            mirror,
+            digests,
+            ..Request::new(self::profile(profile)?, share("threshold", threshold)?)
+        };
+        let room = Mutex::new(py.detach(|| Room::new(request.profile))?);
+        Ok(Self { model: Py::new(py, joined(py, models)?)?, request, room })
+    }
+
+    /// Finds the objects in a frame. The interpreter is released meanwhile.
+    ///
+    /// Args:
+    ///     frame: An array of uint8 of shape (H, W, 3) or (H, W), a PIL image, a path, or raw bytes. Views
+    ///         are read in place when the pixels of a row stand one after the other.
+    ///     order: `"rgb"`, or `"bgr"` as OpenCV has it (one copy).
+    ///     format: The format of raw bytes: `"yuyv"`, `"uyvy"`, `"nv12"`, `"i420"`, `"rgb565"`,
+    ///         `"rgb565be"`, `"rgb"` or `"gray"`.
+    ///     size: Width and height of raw bytes, px.
+    ///     stride: Bytes from a row to the next of raw bytes. Without it, rows have nothing between them.
+    ///
+    /// Returns:
+    ///     A list of Detection, best score first, in px of the frame as it came.
+    ///
+    /// Raises:
+    ///     TypeError: The object is none of these, or its dtype is not uint8.
+    ///     ValueError: The shape, the size or the format does not fit.
+    ///     OSError: The file cannot be read.
+    #[pyo3(signature = (frame, *, order="rgb", format=None, size=None, stride=None))]
+    fn detect<'py>(
+        &self,
+        frame: &Bound<'py, PyAny>,
+        order: &str,
+        format: Option<&str>,
+        size: Option<(usize, usize)>,
+        stride: Option<usize>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let reading = Reading::new(order, format, size, stride)?;
+        answer(frame, &reading, (&self.model, &self.request), |search, view| {
+            let Room { detector, scratch } = &mut *lock(&self.room);
+            search.run(view, scratch, |frame| search_frame(detector.any(), frame, search.model.view(), search.request))
+        })
+    }
+
+    /// The objects that are searched for, as one model.
+    #[getter]
+    fn model(&self, py: Python<'_>) -> Py<Model> {
+        self.model.clone_ref(py)
+    }
+
+    /// The size that frames are searched at.
+    #[getter]
+    fn profile(&self) -> &'static str {
+        profile_name(self.request.profile)
+    }
+
+    /// The minimum score of a detection.
+    #[getter]
+    fn threshold(&self) -> f32 {
+        self.request.threshold
+    }
+
+    fn __repr__(&self) -> String {
+        format!(
+            "Detector({}, profile=\"{}\", threshold={})",
+            listed(self.model.get()),
+            self.profile(),
+            self.threshold()
+        )
+    }
+}
+
+/// What a tracker knows from the frames before.
+#[derive(Debug)]
+struct Trail {
+    room: Room,
+    tracker: keygraph_core::Tracker,
+    size: Option<(usize, usize)>,
+}
+
+/// Follows the objects of models through the frames of one camera, in order.
+///
+/// Args:
+///     models: A Model, a path of a `.kgm` file, or a list of them. Each gets its own name in results.
+///     profile: Size that frames are searched at, larger ones are scaled down: `"hd"` (1280x720 px),
+///         `"vga"` (640x480), `"qvga"` (320x240) or `"qqvga"` (160x120).
+///     threshold: Minimum score of a detection, 0 to 1.
+///     min_visible: Minimum share of an object that must be seen and agree, 0 to 1.
+///     thorough: Search all of each frame for all of the models, and again in tiles: finds small objects,
+///         in three times the time of a frame that shows nothing.
+///     budget_ms: Stop the search of a frame after this time, ms, and report what was found.
+///     roi: Search this part of each frame alone, at its own resolution: (x, y, width, height), each px or
+///         a string such as `"25%"`. Results stay in px of the whole frame.
+///     mirror: Search frames mirrored left to right, as those of selfie cameras are.
+#[pyclass(frozen, module = "keygraph")]
+#[derive(Debug)]
+pub struct Tracker {
+    model: Py<Model>,
+    request: Request,
+    trail: Mutex<Trail>,
+}
+
+#[pymethods]
+impl Tracker {
+    #[new]
+    #[pyo3(signature = (models, profile="vga", threshold=0.8, *, min_visible=0.0, thorough=false, budget_ms=None, roi=None, mirror=false))]
+    #[allow(clippy::too_many_arguments, reason = "the arguments of Python, which have names")]
+    fn new(
+        py: Python<'_>,
+        models: &Bound<'_, PyAny>,
+        profile: &str,
+        threshold: f32,
+        min_visible: f32,
+        thorough: bool,
+        budget_ms: Option<f64>,
+        roi: Option<&Bound<'_, PyAny>>,
+        mirror: bool,
+    ) -> PyResult<Self> {
+        let Detector { model, request, room } =
+            Detector::new(py, models, profile, threshold, min_visible, thorough, false, budget_ms, roi, mirror, false)?;
+        let room = room.into_inner().unwrap_or_else(PoisonError::into_inner);
+        let trail = Mutex::new(Trail { room, tracker: keygraph_core::Tracker::new(), size: None });
+        Ok(Self { model, request, trail })
+    }
+
+    /// Follows the objects into the next frame, and searches it where needed. Each detection then has an
+    /// `id` that stays with it, and a `state`; what is gone is in `lost` for 30 frames. A frame of another
+    /// size starts anew.
+    ///
+    /// Args:
+    ///     frame: An array of uint8 of shape (H, W, 3) or (H, W), a PIL image, a path, or raw bytes. Views
+    ///         are read in place when the pixels of a row stand one after the other.
+    ///     order: `"rgb"`, or `"bgr"` as OpenCV has it (one copy).
+    ///     format: The format of raw bytes: `"yuyv"`, `"uyvy"`, `"nv12"`, `"i420"`, `"rgb565"`,
+    ///         `"rgb565be"`, `"rgb"` or `"gray"`.
+    ///     size: Width and height of raw bytes, px.
+    ///     stride: Bytes from a row to the next of raw bytes. Without it, rows have nothing between them.
+    ///
+    /// Returns:
+    ///     A list of Detection, best score first, in px of the frame as it came.
+    ///
+    /// Raises:
+    ///     TypeError: The object is none of these, or its dtype is not uint8.
+    ///     ValueError: The shape, the size or the format does not fit.
+    ///     OSError: The file cannot be read.
+    #[pyo3(signature = (frame, *, order="rgb", format=None, size=None, stride=None))]
+    fn track<'py>(
+        &self,
+        frame: &Bound<'py, PyAny>,
+        order: &str,
+        format: Option<&str>,
+        size: Option<(usize, usize)>,
+        stride: Option<usize>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let reading = Reading::new(order, format, size, stride)?;
+        answer(frame, &reading, (&self.model, &self.request), |search, view| {
+            let mut trail = lock(&self.trail);
+            let Trail { room: Room { detector, scratch }, tracker, size } = &mut *trail;
+            // The size is put back below, when the frame was tracked.
+            if size.take().is_none_or(|before| before != view.size()) {
+                tracker.reset();
+            }
+            let found = search.run(view, scratch, |frame| {
+                follow_frame(detector.any(), tracker, frame, search.model.view(), search.request)
+            })?;
+            *size = Some(view.size());
+            Ok(found)
+        })
+    }
+
+    /// Forgets all objects: the next frame is the first of another video. Ids are not used again.
+    fn reset(&self, py: Python<'_>) {
+        py.detach(|| lock(&self.trail).tracker.reset());
+    }
+
+    /// Makes the next frame be searched, even when all objects are in view.
+    fn search_next(&self, py: Python<'_>) {
+        py.detach(|| lock(&self.trail).tracker.search_next());
+    }
+
+    /// The objects that are searched for, as one model.
+    #[getter]
+    fn model(&self, py: Python<'_>) -> Py<Model> {
+        self.model.clone_ref(py)
+    }
+
+    /// The size that frames are searched at.
+    #[getter]
+    fn profile(&self) -> &'static str {
+        profile_name(self.request.profile)
+    }
+
+    /// The minimum score of a new detection.
+    #[getter]
+    fn threshold(&self) -> f32 {
+        self.request.threshold
+    }
+
+    fn __repr__(&self) -> String {
+        format!("Tracker({}, profile=\"{}\", threshold={})", listed(self.model.get()), self.profile(), self.threshold())
+    }
+}
