@@ -113,7 +113,7 @@ fn a_tracker_goes_on_where_it_was_stopped_until_the_object_is_found() {
     let mut detector = DETECTOR.lock().unwrap();
     let whole = detector.detect(&frame, &model, DEFAULT_THRESHOLD, &mut || 0).unwrap().to_vec();
     // The same frames, with room for a few pieces of a search in each.
-    for (most, last) in [(2, 200), (9, 60), (40, 12)] {
+    for (most, last) in [(2, 400), (9, 400), (40, 200)] {
         let mut tracker = Tracker::new();
         let mut track = |most: u32| {
             let mut budget = Budget { asked: 0, most };
@@ -185,11 +185,13 @@ fn beside_what_is_followed_the_rest_is_searched_part_by_part() {
     let mut track = |pixels: &[u8], most: u32| {
         let frame = Frame::new(PixelFormat::Gray8, 640, 480, pixels).unwrap();
         let mut budget = Budget { asked: 0, most };
-        tracker.track(&mut detector, &frame, &model, DEFAULT_THRESHOLD, &mut budget).unwrap().len()
+        let seen = tracker.track(&mut detector, &frame, &model, DEFAULT_THRESHOLD, &mut budget).unwrap().len();
+        (seen, budget.asked)
     };
-    assert_eq!(track(&one, u32::MAX), 1);
-    // A search of the whole frame takes more than a hundred pieces.
-    let frames = (1..).find(|_| track(&both, 60) == 2).unwrap();
+    let (seen, whole) = track(&one, u32::MAX);
+    assert_eq!(seen, 1);
+    // A third of the time of a whole search.
+    let frames = (1..25).find(|_| track(&both, whole / 3).0 == 2).unwrap_or(25);
     assert!((2..25).contains(&frames), "{frames}: ten frames until it is searched, ten parts");
 }
 

@@ -308,7 +308,7 @@ typedef struct kg_tracker kg_tracker;
 
 /**
  * A trainer, in the memory that was given to kg_trainer_init(). It needs no end, and must not be moved.
- * The same memory may hold a detector afterwards.
+ * After training, the memory may hold a detector instead.
  */
 typedef struct kg_trainer kg_trainer;
 
@@ -1088,9 +1088,9 @@ kg_status kg_tracker_init(void *memory, size_t bytes, struct kg_tracker **tracke
  * gives the results. The tracker works in the buffers of `detector`, whose results are lost.
  *
  * The frames must have one size and one window. With another window all tracks are forgotten.
- * `options` and `observer` may be NULL. The observer is asked between the pieces of a search, the longest
- * of which finds the corners of the finest level. A search that it stops goes on in the next frame, unless
- * `detector` was used for something else; what is known is followed all the same.
+ * `options` and `observer` may be NULL. When the observer stops a search, the piece that has begun comes to
+ * its end; the search goes on in the next frame, unless `detector` was used for something else. What is
+ * known is followed all the same.
  *
  * Returns KG_OK, KG_STOPPED, or the errors of kg_detector_detect().
  */

@@ -143,9 +143,9 @@ unsafe fn follow<P: Profile>(
 /// gives the results. The tracker works in the buffers of `detector`, whose results are lost.
 ///
 /// The frames must have one size and one window. With another window all tracks are forgotten.
-/// `options` and `observer` may be NULL. The observer is asked between the pieces of a search, the longest
-/// of which finds the corners of the finest level. A search that it stops goes on in the next frame, unless
-/// `detector` was used for something else; what is known is followed all the same.
+/// `options` and `observer` may be NULL. When the observer stops a search, the piece that has begun comes to
+/// its end; the search goes on in the next frame, unless `detector` was used for something else. What is
+/// known is followed all the same.
 ///
 /// Returns KG_OK, KG_STOPPED, or the errors of kg_detector_detect().
 #[unsafe(no_mangle)]

@@ -92,7 +92,7 @@ pub struct kg_trained {
 }
 
 /// A trainer, in the memory that was given to kg_trainer_init(). It needs no end, and must not be moved.
-/// The same memory may hold a detector afterwards.
+/// After training, the memory may hold a detector instead.
 #[derive(Debug)]
 pub struct kg_trainer {
     _opaque: (),

@@ -157,25 +157,31 @@ impl<P: Profile + ?Sized> Detector<P> {
 
     /// Loads a frame for [`Detector::go_on`].
     pub(crate) fn load_frame(&mut self, frame: &Frame<'_>, observer: &mut dyn Observer) -> Result<(), FrameError> {
-        self.load(frame, &mut Laps::new(&mut Whole(observer)))
+        let mut whole = Whole { observer, stopped: false };
+        self.load(frame, &mut Laps::new(&mut whole))?;
+        self.buffers.lend().tally.stats.stopped = whole.stopped;
+        Ok(())
     }
 
-    /// Goes on with a search until `observer` stops it between two of its pieces. Returns whether
-    /// the search is over. The statistics are those of this call.
+    /// Goes on with a search until `observer` stops it; the piece that it is in then comes to its end.
+    /// Returns whether the search is over.
     pub(crate) fn go_on(
         &mut self,
         model: &Model<'_>,
         (plan, place): (&Plan, &mut Place),
         observer: &mut dyn Observer,
     ) -> bool {
-        while observer.goes_on() {
-            let mut whole = Whole(observer);
+        let mut whole = Whole { observer, stopped: self.stats().stopped };
+        loop {
+            whole.goes_on();
+            if whole.stopped {
+                self.buffers.lend().tally.stats.stopped = true;
+                return false;
+            }
             if !advance(self.buffers.lend(), model, (plan, place), &mut Laps::new(&mut whole), None, false) {
                 return true;
             }
         }
-        self.buffers.lend().tally.stats.stopped = true;
-        false
     }
 
     /// Ends a search that is not over. Returns whether it has found something.
@@ -375,16 +381,25 @@ impl<P: Profile + ?Sized> Ongoing<'_, P> {
     }
 }
 
-/// An observer that lets a piece of a search come to its end.
-struct Whole<'a>(&'a mut dyn Observer);
+/// An observer that is asked as often as any, and lets a piece of a search come to its end all the same.
+struct Whole<'a> {
+    observer: &'a mut dyn Observer,
+    /// Whether the observer has told the search to stop.
+    stopped: bool,
+}
 
 impl Observer for Whole<'_> {
     fn now(&mut self) -> u64 {
-        self.0.now()
+        self.observer.now()
+    }
+
+    fn goes_on(&mut self) -> bool {
+        self.stopped = self.stopped || !self.observer.goes_on();
+        true
     }
 
     fn saw(&mut self, output: Output<'_>) {
-        self.0.saw(output);
+        self.observer.saw(output);
     }
 }
 

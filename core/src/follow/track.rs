@@ -99,8 +99,8 @@ impl Tracker {
     /// lost. `threshold` is the minimum score at which an instance appears. `observer` is asked for
     /// the time between the stages, and is shown what a search makes.
     ///
-    /// `observer` is asked between the pieces of a search whether it goes on ([`Observer::goes_on`]),
-    /// and not within them. The longest piece finds the corners and triangles of the finest level. A
+    /// When `observer` stops a search ([`Observer::goes_on`]), the piece of the search that has begun
+    /// comes to its end; the longest finds the corners and triangles of the finest level. A
     /// search that was stopped ([`Stats::stopped`]) goes on in the next frame: where nothing is in
     /// sight, with what it has gathered, in the frame that it has begun with; what it finds there is
     /// followed into the newest frame. Where something is followed, the next part of the next frame is
@@ -145,9 +145,7 @@ impl Tracker {
         if due {
             detector.load_frame(frame, observer)?;
         } else {
-            let part = part_of(&self.tracks, frame, model);
-            corner = [part.x, part.y].map(|start| f32::from(id(start)));
-            detector.load_luma(frame, part, observer)?;
+            corner = self.load_part(detector, task, observer)?;
         }
         // The model may differ from the model of the frame before.
         self.tracks.retain(|t| usize::from(t.detection.object) < model.objects());
@@ -179,7 +177,7 @@ impl Tracker {
         task: &Task<'_>,
         observer: &mut dyn Observer,
     ) -> Result<(), FrameError> {
-        let &Task { frame, model, threshold, .. } = task;
+        let &Task { model, threshold, .. } = task;
         self.tracks.iter_mut().for_each(Track::begin_frame);
         detector.restart_stats();
         let first = self.next_id;
@@ -187,9 +185,7 @@ impl Tracker {
         self.searched = true;
         self.stats = *detector.stats();
         if self.tracks.iter().any(|t| t.seen) {
-            let part = part_of(&self.tracks, frame, model);
-            detector.load_luma(frame, part, observer)?;
-            let corner = [part.x, part.y].map(|start| f32::from(id(start)));
+            let corner = self.load_part(detector, task, observer)?;
             let sight = Sight { view: detector.frame(), corner };
             let start = observer.now();
             for t in self.tracks.iter_mut().filter(|t| t.seen) {
@@ -200,12 +196,22 @@ impl Tracker {
                 }
             }
             self.tracks.retain(|t| t.seen || t.id < first);
-            let stopped = self.stats.stopped;
             self.stats.add(detector.stats());
             self.stats.ticks[Stage::Accept as usize] += passed(start, observer.now());
-            self.stats.stopped = stopped;
         }
         Ok(())
+    }
+
+    /// Loads the luma of the part of a frame that may show the tracks. Returns the first pixel of the part.
+    fn load_part<P: Profile + ?Sized>(
+        &self,
+        detector: &mut Detector<P>,
+        task: &Task<'_>,
+        observer: &mut dyn Observer,
+    ) -> Result<[f32; 2], FrameError> {
+        let part = part_of(&self.tracks, task.frame, task.model);
+        detector.load_luma(task.frame, part, observer)?;
+        Ok([part.x, part.y].map(|start| f32::from(id(start))))
     }
 
     /// Searches the frame in the detector from this place on. Takes over what has been found, and notes how
