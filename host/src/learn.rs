@@ -43,6 +43,42 @@ impl Preset {
     }
 }
 
+/// How much a model holds, and whether it has chroma.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    /// The preset.
+    pub preset: Preset,
+    /// Maximum size of the model in bytes.
+    pub bytes: usize,
+    /// Whether to train on luma alone, for cameras without colour.
+    pub luma: bool,
+    /// Whether frames are mirrored left to right: the object is then learned as it is.
+    pub mirror: bool,
+}
+
+impl Default for Plan {
+    /// The preset with the most keygraphs, with luma and chroma.
+    fn default() -> Self {
+        Self { preset: Preset::Large, bytes: Preset::Large.bytes(), luma: false, mirror: false }
+    }
+}
+
+/// An object that was learned.
+#[derive(Clone, Debug)]
+pub struct Learned {
+    /// The name of the object.
+    pub name: String,
+    /// The picture of the object from the front.
+    pub picture: Picture,
+    /// The bytes of the model.
+    pub model: Vec<u8>,
+    /// The report of the training.
+    pub trained: Trained,
+    /// The score of the object in the frame that it was learned from; `None` when it is not
+    /// found there.
+    pub found: Option<f32>,
+}
+
 /// Whether a picture has colour worth training on: in more than one pixel of a hundred, the
 /// channels differ by more than a tenth of their range.
 #[must_use]

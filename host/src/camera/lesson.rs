@@ -11,33 +11,13 @@ use std::sync::mpsc::Sender;
 use std::sync::{Mutex, PoisonError};
 
 use anyhow::{Context, Result, ensure};
-use keygraph_core::{DEFAULT_THRESHOLD, Model, NAME_BYTES, Trained};
+use keygraph_core::{DEFAULT_THRESHOLD, Model, NAME_BYTES};
 
 use super::cutout::{Outline, cut_out};
 use crate::input::Picture;
-use crate::learn::{Preset, has_colour, train_within};
+use crate::learn::{Learned, Plan, Preset, has_colour, train_within};
 use crate::output::{check_name, write_file};
 use crate::search::{Profile, Request, search_for};
-
-/// How much a model holds, and whether it has chroma.
-#[derive(Clone, Debug)]
-pub struct Plan {
-    /// The preset.
-    pub preset: Preset,
-    /// Maximum size of the model in bytes.
-    pub bytes: usize,
-    /// Whether to train on luma alone, for cameras without colour.
-    pub luma: bool,
-    /// Whether frames are mirrored left to right: the object is then learned as it is.
-    pub mirror: bool,
-}
-
-impl Default for Plan {
-    /// The preset with the most keygraphs, with luma and chroma.
-    fn default() -> Self {
-        Self { preset: Preset::Large, bytes: Preset::Large.bytes(), luma: false, mirror: false }
-    }
-}
 
 /// The task of `keygraph train --from-camera`: it waits for the first object that is
 /// learned.
@@ -65,22 +45,6 @@ impl Errand {
         *sender = None;
         Ok(())
     }
-}
-
-/// An object that was learned.
-#[derive(Clone, Debug)]
-pub struct Learned {
-    /// The name of the object.
-    pub name: String,
-    /// The picture of the object from the front.
-    pub picture: Picture,
-    /// The bytes of the model.
-    pub model: Vec<u8>,
-    /// The report of the training.
-    pub trained: Trained,
-    /// The score of the object in the frame that it was learned from; `None` when it is not
-    /// found there.
-    pub found: Option<f32>,
 }
 
 /// Trains on the part of `frame` within `outline`, and searches the frame for it.
@@ -129,7 +93,7 @@ mod tests {
             name: "a".into(),
             picture: blank(),
             model: model.to_vec(),
-            trained: Trained::default(),
+            trained: keygraph_core::Trained::default(),
             found: None,
         };
         fs::create_dir(&output).expect("in the way");

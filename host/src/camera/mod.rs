@@ -77,11 +77,12 @@ use anyhow::{Result, anyhow, ensure};
 use keygraph_core::DEFAULT_THRESHOLD;
 use tracing::level_filters::LevelFilter;
 
+use crate::learn::{Learned, Plan};
 use crate::output::{plain, print_line, write_file};
 use crate::picture::Picture;
 use crate::search::{Profile, Request, depth_of};
 use arguments::{Arguments, Lesson};
-use lesson::{Errand, Learned, Plan, learn};
+use lesson::{Errand, learn};
 use lines::Lines;
 use live::{Live, Outcome, search_frames};
 use models::Models;

@@ -44,11 +44,12 @@ use super::attempts::Attempts;
 use super::cutout::parse_outline;
 use super::guard::{Action, Guard, Refusal, token_in};
 use super::intake::{Intake, Problem, Upload, discard};
-use super::lesson::{Errand, Learned, Plan, learn};
+use super::lesson::{Errand, learn};
 use super::live::{Live, thousandths};
 use super::server::{self, Visit};
 use super::tally::Others;
 use crate::advice;
+use crate::learn::{Learned, Plan};
 use crate::picture::decode_jpeg;
 
 const PAGE: &str = include_str!("../page.html");

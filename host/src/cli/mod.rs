@@ -11,6 +11,7 @@ mod values;
 
 mod assess;
 mod bench;
+#[cfg(feature = "live")]
 mod camera;
 mod demo;
 mod detect;
@@ -60,6 +61,7 @@ enum Command {
     ///
     /// Prints JSON lines, serves a page that shows what is seen and learns objects
     /// that are held up, and runs until it is told to stop.
+    #[cfg(feature = "live")]
     Camera(Box<camera::Arguments>),
     /// Train on the repository's pictures and find them in its sequence
     Demo(demo::Arguments),
@@ -77,6 +79,7 @@ pub fn run() -> Result<ExitCode> {
         Command::Assess(arguments) => assess::run(&arguments)?,
         Command::Detect(arguments) => return detect::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments)?,
+        #[cfg(feature = "live")]
         Command::Camera(arguments) => camera::run(&arguments)?,
         Command::Demo(arguments) => demo::run(&arguments)?,
     }

@@ -5,11 +5,11 @@ use std::path::{Path, PathBuf};
 use std::slice;
 
 use anyhow::{Context, Result, bail};
+#[cfg(feature = "live")]
 use clap::error::ErrorKind;
-use keygraph::camera::arguments::Lesson;
-use keygraph::camera::learn_from_camera;
-use keygraph::camera::lesson::{Learned, Plan};
-use keygraph::learn::{Preset, has_colour, train_within};
+#[cfg(feature = "live")]
+use keygraph::camera::{arguments::Lesson, learn_from_camera};
+use keygraph::learn::{Learned, Plan, Preset, has_colour, train_within};
 use keygraph::output::{Inputs, check_model_output, check_name, is_plain, plain, print_line, write_file};
 use keygraph::picture::{Part, Picture, read_framed};
 use keygraph::search::{Profile, search};
@@ -19,6 +19,7 @@ use keygraph_core::{DEFAULT_THRESHOLD, Method, Model, NAME_BYTES};
 
 use super::compare::{Shared, tell_beside};
 use super::model_files::{parse, read_all};
+#[cfg(feature = "live")]
 use super::usage_error;
 use super::values::model_size;
 
@@ -26,7 +27,8 @@ use super::values::model_size;
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     /// PNG or JPEG picture that shows the object, from the front, and nothing else
-    #[arg(required_unless_present = "from_camera", conflicts_with = "from_camera")]
+    #[cfg_attr(feature = "live", arg(required_unless_present = "from_camera", conflicts_with = "from_camera"))]
+    #[cfg_attr(not(feature = "live"), arg(required = true))]
     picture: Option<PathBuf>,
     /// Part of the picture that shows the object, px [default: all that is opaque]
     #[arg(long, value_name = "X,Y,W,H", allow_hyphen_values = true)]
@@ -55,6 +57,7 @@ pub struct Arguments {
     #[arg(long)]
     json: bool,
     /// How the picture is taken from a camera.
+    #[cfg(feature = "live")]
     #[command(flatten, next_help_heading = "From a camera")]
     lesson: Box<Lesson>,
 }
@@ -87,11 +90,14 @@ fn name(text: &str) -> Result<String, String> {
 /// # Errors
 /// When the picture cannot be read or used, or the model cannot be written.
 pub fn run(arguments: &Arguments) -> Result<()> {
+    #[cfg(feature = "live")]
     if !arguments.lesson.from_camera && arguments.lesson.origin.is_given() {
         usage_error(ErrorKind::ArgumentConflict, "a camera or --replay is only used with --from-camera");
     }
     // Training takes a second: what would fail after it is checked before it.
-    let inputs = arguments.picture.iter().chain(&arguments.beside).chain(&arguments.lesson.origin.replay);
+    let inputs = arguments.picture.iter().chain(&arguments.beside);
+    #[cfg(feature = "live")]
+    let inputs = inputs.chain(&arguments.lesson.origin.replay);
     check_model_output(&arguments.output, &Inputs::of(inputs.map(PathBuf::as_path)))?;
     let beside = read_all(&arguments.beside)?;
     for (bytes, file) in beside.iter().zip(&arguments.beside) {
@@ -99,7 +105,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     match &arguments.picture {
         Some(picture) => train_on_picture(arguments, picture, &beside),
+        #[cfg(feature = "live")]
         None => train_from_camera(arguments, &beside),
+        #[cfg(not(feature = "live"))]
+        None => unreachable!("clap requires a picture"),
     }
 }
 
@@ -119,6 +128,7 @@ fn train_on_picture(arguments: &Arguments, path: &Path, beside: &[Vec<u8>]) -> R
     tell(arguments, &label, &Learned { name, picture, model, trained, found: None }, beside)
 }
 
+#[cfg(feature = "live")]
 fn train_from_camera(arguments: &Arguments, beside: &[Vec<u8>]) -> Result<()> {
     let (plan, name) = (arguments.plan(), arguments.name_or_that_of(&arguments.output));
     let learned = learn_from_camera(&arguments.lesson, name, &arguments.output, &plan)?;
