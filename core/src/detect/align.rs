@@ -24,7 +24,25 @@ use crate::model::parse::Template;
 /// Minimum number of blocks that agree: before the first step, and after each refinement. Of 565
 /// right poses all had at least 2.4 when they were grown. Of the wrong poses, two in five fail the
 /// first minimum, and two in three fail at least one of the two.
-const LEAST_SUPPORT: [f32; 2] = [1.2, 2.0];
+const LEAST_SUPPORT: Least = Least { start: 1.2, then: 2.0, fine: 2.0 };
+
+/// The same for a pose that fewer than [`FEW`] corners agree with. In the dark a right pose can have
+/// little support, but then more corners agree: of 2,782 right poses nine ended with less than 3.3, and
+/// with 8 corners or more. Two in three wrong poses that would reach the finest steps, which cost as much
+/// as all others, fail this minimum.
+const LEAST_OF_FEW: Least = Least { fine: 3.0, ..LEAST_SUPPORT };
+const FEW: u16 = 7;
+
+/// Minimum support of a pose that goes on, in blocks that agree.
+#[derive(Clone, Copy)]
+pub(crate) struct Least {
+    /// Before the first step.
+    pub(crate) start: f32,
+    /// After each refinement.
+    pub(crate) then: f32,
+    /// Before the finest steps.
+    pub(crate) fine: f32,
+}
 
 /// A refinement: some steps of [`refine`] on one level.
 pub(crate) struct Refinement {
@@ -55,23 +73,24 @@ const SHORT_WAY: f32 = 1.0;
 /// px), goes from coarse to fine, and returns the homography that most blocks support. A hidden
 /// half can pull a right pose away: such a step is not taken.
 ///
-/// `None` when too few blocks agree for any step to improve the pose, or when it is told to stop.
+/// `agreeing` is the number of corners that agree with the pose. `None` when too few blocks agree for
+/// any step to improve the pose, or when it is told to stop.
 #[must_use]
 pub fn refine(
     view: &PyramidView<'_>,
     template: &Template<'_>,
-    h: &Homography,
+    (h, agreeing): (&Homography, u16),
     [width, height]: [f32; 2],
     pace: &mut dyn Pace,
 ) -> Option<Homography> {
-    refine_by(&REFINEMENTS, LEAST_SUPPORT, view, template, h, [width, height], pace)
+    let least = if agreeing < FEW { &LEAST_OF_FEW } else { &LEAST_SUPPORT };
+    refine_by(&REFINEMENTS, least, view, template, h, [width, height], pace)
 }
 
-/// Runs [`refine`] with the refinements `steps`. `least` holds the minimum support before the first
-/// step, and after each refinement.
+/// Runs [`refine`] with the refinements `steps`.
 pub(crate) fn refine_by(
     steps: &[Refinement],
-    least: [f32; 2],
+    least: &Least,
     view: &PyramidView<'_>,
     template: &Template<'_>,
     h: &Homography,
@@ -93,12 +112,15 @@ pub(crate) fn refine_by(
     };
     let mut light = NO_LIGHT;
     let (mut best, mut most) = (*h, seen(h, &mut light, pace));
-    if most < least[0] {
+    if most < least.start {
         return None;
     }
     let mut best_light = light;
     let back = to_picture.after(&unit).inverse()?;
     for &Refinement { level, blocks, times, still, keep } in steps {
+        if level == 0 && most < least.fine {
+            return None;
+        }
         let coarse = Coarse::new(template, level, blocks, side, middle);
         let mut g = best.after(&to_picture).after(&unit);
         // The measured light is that of 6 x 6 blocks. Fewer blocks are lit differently.
@@ -129,7 +151,7 @@ pub(crate) fn refine_by(
         if support > keep * most {
             (best, most, best_light) = (g, support, light);
         }
-        if most < least[1] {
+        if most < least.then {
             return None;
         }
     }
@@ -261,7 +283,7 @@ mod tests {
             let (p, data, h) = setup(hide);
             let rough = Homography([1.46, 0.27, PLACE[0] - 2.0, -0.25, 1.36, PLACE[1] + 1.5, 2e-4, -1e-4, 1.0]);
             let side = SIDE as f32;
-            let better = refine(&p.view(), &template(&data), &rough, [side; 2], &mut Steady).unwrap();
+            let better = refine(&p.view(), &template(&data), (&rough, 0), [side; 2], &mut Steady).unwrap();
             for (a, b) in better.outline(side, side).iter().zip(h.outline(side, side)) {
                 let (dx, dy) = (a[0] - b[0], a[1] - b[1]);
                 // The hidden side is a guess. In a small template the other sides are less exact

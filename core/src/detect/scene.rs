@@ -14,6 +14,7 @@ use heapless::VecView;
 use crate::base::capacity::{Buffer, LEVELS, Stage, StageStats, count, id};
 use crate::base::geometry::Point;
 use crate::base::pace::Pace;
+use crate::base::sort::sort_by_key;
 use crate::detect::detection::{Detection, is_inside};
 use crate::detect::finder::Finder;
 use crate::detect::observer::{Laps, Output, Tally};
@@ -58,7 +59,9 @@ pub(crate) struct Scene<'a> {
     /// Keypoints of all levels, in the order in which the levels were searched.
     pub(crate) points: &'a mut VecView<Point>,
     pub(crate) spans: &'a mut Spans,
-    /// Keygraphs of all levels, in the order in which the levels were searched.
+    /// Keygraphs of the levels above the finest, then those of the finest. Once they have features, each
+    /// part is in the order of the partition: what is read of the model for one is then still in the
+    /// cache for the next.
     pub(crate) keygraphs: &'a mut VecView<Keygraph>,
     /// Features of the keygraphs, one for each.
     pub(crate) features: &'a mut [Feature],
@@ -149,10 +152,12 @@ impl Scene<'_> {
         context.tally.add(Stage::Keygraphs, stats);
     }
 
-    /// Extracts the features of the keygraphs from index `first` on.
+    /// Brings the keygraphs from index `first` on into the order of the partition, and extracts their
+    /// features.
     #[inline(never)]
     pub(crate) fn extract_features(&mut self, first: usize, context: &mut Context<'_, '_>) {
         let model = context.model;
+        sort_by_key(&mut self.keygraphs[first..], |k| (k.key.cell(), k.size, k.vertices), context.laps);
         let mut done = first;
         for (k, f) in self.keygraphs.iter().zip(&mut *self.features).skip(first) {
             if !context.laps.goes_on() {

@@ -471,7 +471,7 @@ impl Search<'_, '_> {
         self.context.tally.of(Stage::Accept).seen += 1;
         let o = self.context.model.object(usize::from(d.object));
         let (view, w, h) = (&self.scene.pyramid, o.width as f32, o.height as f32);
-        let aligned = refine(view, &o.template, &d.homography, [w, h], self.context.laps)?;
+        let aligned = refine(view, &o.template, (&d.homography, d.agreeing), [w, h], self.context.laps)?;
         let appearance = appearance(view, &o.template, &aligned, [w, h], self.context.laps);
         Some(Detection { appearance, ..Detection::at(self.context.model, d.object, &aligned) })
     }

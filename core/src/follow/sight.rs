@@ -10,7 +10,7 @@ use crate::base::capacity::LEVELS;
 use crate::base::geometry::{Homography, area};
 use crate::base::math;
 use crate::base::pace::Steady;
-use crate::detect::align::{Refinement, refine_by};
+use crate::detect::align::{Least, Refinement, refine_by};
 use crate::detect::appearance::{Appearance, appearance_of_luma, support};
 use crate::detect::detection::Detection;
 use crate::follow::instance::{STAY, SURE, State, Track};
@@ -21,7 +21,7 @@ use crate::model::parse::Model;
 /// Minimum support (number of blocks that agree) at the predicted pose, and after the coarse steps.
 /// The first is 0, because the frame at the predicted pose may look like nothing when an object
 /// moved far.
-const LEAST_SUPPORT: [f32; 2] = [0.0, 0.8];
+const LEAST_SUPPORT: Least = Least { start: 0.0, then: 0.8, fine: 0.0 };
 
 /// Steps of the alignment of a pose that is nearly right; see `align`.
 const STEPS: [Refinement; 3] = [
@@ -115,7 +115,7 @@ fn align(sight: &Sight<'_>, model: &Model<'_>, track: &Track, start: &Homography
     let last = &track.detection;
     let o = model.object(usize::from(last.object));
     let size = [o.width as f32, o.height as f32];
-    let aligned = refine_by(&STEPS, LEAST_SUPPORT, &sight.view, &o.template, &sight.within(start), size, &mut Steady)?;
+    let aligned = refine_by(&STEPS, &LEAST_SUPPORT, &sight.view, &o.template, &sight.within(start), size, &mut Steady)?;
     let appearance = appearance_of_luma(&sight.view, &o.template, &aligned, size, &mut Steady);
     let homography = sight.without(&aligned).normalised();
     let d = Detection {
