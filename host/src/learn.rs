@@ -25,6 +25,10 @@ pub enum Preset {
 }
 
 impl Preset {
+    /// The presets, with the names that the command line and the bindings give them.
+    pub const NAMED: [(&'static str, Self); 4] =
+        [("large", Self::Large), ("standard", Self::Standard), ("compact", Self::Compact), ("paper", Self::Paper)];
+
     /// The preset of the core, which holds what it means.
     #[must_use]
     pub const fn to_core(self) -> keygraph_core::Preset {

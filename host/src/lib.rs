@@ -14,6 +14,7 @@
 //! - [`search`]: one frame through a detector of the right size
 //! - [`trail`]: frames in order through a tracker
 //! - [`margins`]: plain margins of a picture
+//! - [`cutout`]: the object cut out of a picture, seen from the front
 //! - [`mod@alike`]: objects that look alike
 //! - [`pose`]: poses of detections in space
 //! - [`learn`]: training on a picture; merging models
@@ -47,6 +48,7 @@ pub mod region;
 pub mod search;
 pub mod trail;
 pub mod margins;
+pub mod cutout;
 pub mod alike;
 pub mod pose;
 pub mod learn;

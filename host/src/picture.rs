@@ -184,9 +184,21 @@ pub fn read_framed(path: &Path, crop: Option<Part>) -> Result<Framed> {
         None => opaque_part(&image)
             .with_context(|| format!("{name} is transparent everywhere: there is nothing to train on"))?,
     };
+    Ok(framed(&image, part))
+}
+
+/// The smallest part of a decoded picture that holds all pixels that are at least half opaque; `None`
+/// when there are none.
+#[must_use]
+pub fn opaque(image: &DynamicImage) -> Option<Framed> {
+    opaque_part(image).map(|part| framed(image, part))
+}
+
+/// A part of a decoded picture, as a picture of its own.
+fn framed(image: &DynamicImage, part: Part) -> Framed {
     let shown = image.crop_imm(part.x, part.y, part.width, part.height);
     let (picture, transparent) = flatten_onto_white(shown);
-    Ok(Framed { picture, part, whole, transparent })
+    Framed { picture, part, whole: (image.width(), image.height()), transparent }
 }
 
 /// The smallest part that holds all pixels that are at least half opaque. A soft shadow

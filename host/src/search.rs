@@ -36,6 +36,10 @@ pub enum Profile {
 }
 
 impl Profile {
+    /// The profiles, with the names that the command line and the bindings give them.
+    pub const NAMED: [(&'static str, Self); 4] =
+        [("hd", Self::Hd), ("vga", Self::Vga), ("qvga", Self::Qvga), ("qqvga", Self::Qqvga)];
+
     /// Maximum side and maximum number of pixels of a frame.
     #[must_use]
     pub const fn limits(self) -> (usize, usize) {
@@ -362,8 +366,8 @@ impl Observer for Watch {
 pub type AnyDetector = Detector<dyn keygraph_core::Profile>;
 
 /// Maximum number of frames that are searched at once. Detectors live in statics, which
-/// cost no memory until they are used.
-pub const MAX_THREADS: usize = 8;
+/// cost no memory until they are used. WebAssembly has no threads, and its statics cost memory.
+pub const MAX_THREADS: usize = if cfg!(target_family = "wasm") { 1 } else { 8 };
 
 static HD: [Mutex<HdDetector>; MAX_THREADS] = [const { Mutex::new(HdDetector::new()) }; MAX_THREADS];
 static VGA: [Mutex<VgaDetector>; MAX_THREADS] = [const { Mutex::new(VgaDetector::new()) }; MAX_THREADS];

@@ -270,10 +270,14 @@ fn in_threads<T: Send>(
     mut tick: impl FnMut(),
     work: impl Fn(usize, usize) -> Result<T> + Sync,
 ) -> Result<Vec<T>> {
+    if threads <= 1 {
+        // In the thread of the caller, since WebAssembly has no other.
+        return (0..jobs).map(|job| work(job, 0).inspect(|_| tick())).collect();
+    }
     let next = AtomicUsize::new(0);
     let mut results: Vec<(usize, T)> = thread::scope(|scope| {
         let (done, results) = channel();
-        for slot in 0..threads.clamp(1, MAX_THREADS) {
+        for slot in 0..threads.min(MAX_THREADS) {
             let (done, next, work) = (done.clone(), &next, &work);
             scope.spawn(move || {
                 loop {

@@ -21,20 +21,16 @@ use crate::model::{Model, joined, listed};
 use crate::result::{Answer, detections};
 use crate::search::{Refused, Room, Search};
 
-/// The profiles, by name.
-const PROFILES: [(&str, Profile); 4] =
-    [("hd", Profile::Hd), ("vga", Profile::Vga), ("qvga", Profile::Qvga), ("qqvga", Profile::Qqvga)];
-
 /// The profile with a name.
 pub fn profile(name: &str) -> PyResult<Profile> {
-    let found = PROFILES.iter().find(|(known, _)| *known == name).map(|(_, profile)| *profile);
+    let found = Profile::NAMED.iter().find(|(known, _)| *known == name).map(|(_, profile)| *profile);
     found.ok_or_else(|| {
         PyValueError::new_err(format!("profile: expected \"hd\", \"vga\", \"qvga\" or \"qqvga\", got \"{name}\""))
     })
 }
 
 fn profile_name(profile: Profile) -> &'static str {
-    PROFILES.iter().find(|(_, p)| *p == profile).map_or("", |(name, _)| *name)
+    Profile::NAMED.iter().find(|(_, p)| *p == profile).map_or("", |(name, _)| *name)
 }
 
 /// The part of each frame that is searched: four lengths in px or percent, or one string of them.

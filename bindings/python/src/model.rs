@@ -60,13 +60,9 @@ impl std::fmt::Debug for Model {
     }
 }
 
-/// The presets, by name.
-const PRESETS: [(&str, Preset); 4] =
-    [("large", Preset::Large), ("standard", Preset::Standard), ("compact", Preset::Compact), ("paper", Preset::Paper)];
-
 /// The preset with a name.
 pub fn preset(name: &str) -> PyResult<Preset> {
-    let found = PRESETS.iter().find(|(known, _)| *known == name).map(|(_, preset)| *preset);
+    let found = Preset::NAMED.iter().find(|(known, _)| *known == name).map(|(_, preset)| *preset);
     found.ok_or_else(|| {
         PyValueError::new_err(format!(
             "preset: expected \"large\", \"standard\", \"compact\" or \"paper\", got \"{name}\""
@@ -170,7 +166,7 @@ impl Model {
     /// The preset that the model was trained with; `None` when it is not known, since files do not tell.
     #[getter]
     fn preset(&self) -> Option<&'static str> {
-        PRESETS.iter().find(|(_, p)| Some(*p) == self.preset).map(|(name, _)| *name)
+        Preset::NAMED.iter().find(|(_, p)| Some(*p) == self.preset).map(|(name, _)| *name)
     }
 
     /// The length of the model, bytes.

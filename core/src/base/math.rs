@@ -12,7 +12,8 @@ use micromath::F32Ext;
 /// Whether the target computes several numbers with one instruction. On such a target a value that
 /// may not be needed is cheaper to compute than to test for, and loops over several numbers at once
 /// are worth their code size. The results are the same on all targets.
-pub(crate) const VECTORS: bool = cfg!(any(target_feature = "sse2", target_feature = "neon"));
+pub(crate) const VECTORS: bool =
+    cfg!(any(target_feature = "sse2", target_feature = "neon", target_feature = "simd128"));
 
 /// Returns the greater of two numbers. Neither may be NaN.
 pub(crate) fn max(a: f32, b: f32) -> f32 {

@@ -117,14 +117,14 @@ macro_rules! halve_by {
 }
 
 // Words of eight bytes make good vectors; without vectors a word is what a register holds.
-#[cfg(any(test, target_feature = "sse2", target_feature = "neon"))]
+#[cfg(any(test, target_feature = "sse2", target_feature = "neon", target_feature = "simd128"))]
 halve_by!(by_eight, u64);
-#[cfg(any(test, not(any(target_feature = "sse2", target_feature = "neon"))))]
+#[cfg(any(test, not(any(target_feature = "sse2", target_feature = "neon", target_feature = "simd128"))))]
 halve_by!(by_four, u32);
 
-#[cfg(any(target_feature = "sse2", target_feature = "neon"))]
+#[cfg(any(target_feature = "sse2", target_feature = "neon", target_feature = "simd128"))]
 pub(crate) use by_eight::{halve_chroma, halve_luma};
-#[cfg(not(any(target_feature = "sse2", target_feature = "neon")))]
+#[cfg(not(any(target_feature = "sse2", target_feature = "neon", target_feature = "simd128")))]
 pub(crate) use by_four::{halve_chroma, halve_luma};
 
 /// Returns the mean of the pixels that have chroma. With fewer than two of them there is no chroma.

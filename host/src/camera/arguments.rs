@@ -9,9 +9,9 @@ use std::time::Duration;
 use keygraph_core::DEFAULT_THRESHOLD;
 use tracing::level_filters::LevelFilter;
 
-use super::cutout::{Outline, parse_outline};
 use super::guard::parse_public;
 use super::mode::Format;
+use crate::cutout::{Outline, parse_outline};
 use crate::region::Look;
 use crate::search::{Profile, parse_budget, parse_share, parse_threshold};
 

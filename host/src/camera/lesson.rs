@@ -13,7 +13,7 @@ use std::sync::{Mutex, PoisonError};
 use anyhow::{Context, Result, ensure};
 use keygraph_core::{DEFAULT_THRESHOLD, Model, NAME_BYTES};
 
-use super::cutout::{Outline, cut_out};
+use crate::cutout::{Outline, cut_out};
 use crate::input::Picture;
 use crate::learn::{Learned, Plan, Preset, has_colour, train_within};
 use crate::output::{check_name, write_file};

@@ -14,7 +14,6 @@
 //!
 //! - [`mode`]: the modes of a camera, and which one to ask for
 //! - [`mjpeg`]: a frame of Motion-JPEG as a JPEG
-//! - [`cutout`]: the object cut out of a frame
 //! - [`guard`]: which requests are answered
 //! - [`arguments`]: arguments of the commands
 //! - [`slot`]: the newest item of a thread, for another
@@ -43,7 +42,6 @@
 
 pub mod mode;
 pub mod mjpeg;
-pub mod cutout;
 pub mod guard;
 pub mod arguments;
 pub mod slot;

@@ -41,7 +41,6 @@ use serde_json::json;
 use tokio::sync::watch;
 
 use super::attempts::Attempts;
-use super::cutout::parse_outline;
 use super::guard::{Action, Guard, Refusal, token_in};
 use super::intake::{Intake, Problem, Upload, discard};
 use super::lesson::{Errand, learn};
@@ -49,6 +48,7 @@ use super::live::{Live, thousandths};
 use super::server::{self, Visit};
 use super::tally::Others;
 use crate::advice;
+use crate::cutout::parse_outline;
 use crate::learn::{Learned, Plan};
 use crate::picture::decode_jpeg;
 

@@ -12,8 +12,8 @@ use anyhow::{Result, bail, ensure};
 use keygraph_core::Homography;
 use keygraph_core::stages::geometry::{area, is_convex};
 
-use crate::annotate::Canvas;
-use crate::input::{Picture, Pixels};
+use crate::canvas::Canvas;
+use crate::picture::{Picture, Pixels};
 
 /// Minimum side of an outline, px. Smaller objects have too little detail to train on.
 const MIN_SIDE_PX: f32 = 32.0;
