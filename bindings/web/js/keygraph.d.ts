@@ -213,7 +213,7 @@ export interface FrameResult {
  * search at once; its frames are searched in the order in which they come.
  */
 export declare class Detector {
-  private constructor();
+  protected constructor();
   /** What is searched for. */
   readonly model: Model;
   /** Memory of the module, bytes. It does not grow from frame to frame. */
