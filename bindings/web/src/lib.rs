@@ -46,9 +46,14 @@ thread_local! {
 mod page {
     #[link(wasm_import_module = "keygraph")]
     unsafe extern "C" {
-        /// Is called while a picture is assessed: frames that are done, and all frames. Two numbers can do no
-        /// harm in the page.
-        pub safe fn progress(done: u32, all: u32);
+        // Two numbers can do no harm in the page.
+        #[link_name = "progress"]
+        safe fn page_progress(done: u32, all: u32);
+    }
+
+    /// Tells the page, while a picture is assessed, how many frames are done, and of how many.
+    pub fn progress(done: u32, all: u32) {
+        page_progress(done, all);
     }
 
     unsafe extern "C" {
@@ -97,7 +102,7 @@ pub extern "C" fn call(head: usize) {
 fn answer_to(head: Head, bytes: &[u8], lookout: &mut Option<Lookout>) -> Result<Answer, Failure> {
     match head {
         Head::Train(train) => workshop::train(&train, bytes),
-        Head::Assess(assess) => workshop::assess(&assess, bytes, |done, all| page::progress(done, all)),
+        Head::Assess(assess) => workshop::assess(&assess, bytes, page::progress),
         Head::Read(_) => workshop::read(bytes),
         Head::Pack(pack) => workshop::pack(&pack, bytes),
         Head::Open(open) => {

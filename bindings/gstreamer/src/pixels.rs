@@ -1,0 +1,46 @@
+//! Buffers of GStreamer as pictures of the host.
+//!
+//! In: a mapped frame: I420, NV12, RGB or GRAY8, with padding at the end of its rows. Out: a picture.
+//! Memory: the picture. Cost: a pass over the pixels. YUV of odd sides loses its last column or row.
+
+use gstreamer_video::{VideoFormat, VideoFrameExt, VideoFrameRef};
+use keygraph::picture::{Picture, Pixels};
+
+/// The formats that are searched without a conversion before.
+pub const FORMATS: [VideoFormat; 4] = [VideoFormat::I420, VideoFormat::Nv12, VideoFormat::Rgb, VideoFormat::Gray8];
+
+/// Rows of a plane, without their padding.
+fn rows<'a, T>(frame: &'a VideoFrameRef<T>, plane: u32, bytes: usize, count: usize) -> impl Iterator<Item = &'a [u8]>
+where
+    VideoFrameRef<T>: VideoFrameExt,
+{
+    let stride = usize::try_from(frame.plane_stride()[plane as usize]).unwrap_or(bytes);
+    let data = frame.plane_data(plane).unwrap_or_default();
+    data.chunks(stride.max(1)).take(count).map(move |row| &row[..bytes.min(row.len())])
+}
+
+/// The picture that a frame shows.
+pub fn picture<T>(frame: &VideoFrameRef<T>) -> Picture
+where
+    VideoFrameRef<T>: VideoFrameExt,
+{
+    let (mut width, mut height) = (frame.width(), frame.height());
+    let format = frame.format();
+    if matches!(format, VideoFormat::I420 | VideoFormat::Nv12) {
+        (width, height) = (width & !1, height & !1);
+    }
+    let (w, h) = (width as usize, height as usize);
+    let plane = |plane, bytes, count| rows(frame, plane, bytes, count).flatten().copied();
+    let pixels = match format {
+        VideoFormat::I420 => {
+            Pixels::I420(plane(0, w, h).chain(plane(1, w / 2, h / 2)).chain(plane(2, w / 2, h / 2)).collect())
+        }
+        VideoFormat::Nv12 => {
+            let chroma = |at: usize| plane(1, w, h / 2).skip(at).step_by(2);
+            Pixels::I420(plane(0, w, h).chain(chroma(0)).chain(chroma(1)).collect())
+        }
+        VideoFormat::Rgb => Pixels::Rgb8(plane(0, 3 * w, h).collect()),
+        _ => Pixels::Gray8(plane(0, w, h).collect()),
+    };
+    Picture { width, height, pixels }
+}
