@@ -90,7 +90,7 @@ class Core(unittest.TestCase):
             return text.read()
 
     def test_the_present_trees_are_written_as_they_are(self):
-        rows = re.findall(r"Tree \{ property: \[(.*)\], limit: \[(.*)\], leaf: \[(.*)\] \}", self.text)
+        rows = re.findall(r"Tree::new\(\[(.*)\], \[(.*)\], \[(.*)\]\)", self.text)
         present = [Tree(*([int(v) for v in part.split(", ")] for part in row)) for row in rows]
         bias = int(re.search(r"const BIAS: i32 = (-?\d+)", self.text)[1])
         self.assertEqual(self.written(Trees(bias, present)), self.text)
@@ -98,8 +98,8 @@ class Core(unittest.TestCase):
     def test_fewer_trees_and_another_bias_are_written(self):
         text = self.written(Trees(-5, [Tree([1] * 7, [2] * 7, [-3] * 8)] * 2))
         self.assertIn("const BIAS: i32 = -5;", text)
-        self.assertIn("const TREES: [Tree; 2] = [\n    Tree { property: [1, 1,", text)
-        self.assertEqual(text.count("Tree { property"), 2)
+        self.assertIn("const TREES: [Tree; 2] = [\n    Tree::new([1, 1,", text)
+        self.assertEqual(text.count("    Tree::new("), 2)
 
     def test_a_file_without_trees_is_told(self):
         self.write("fn main() {}")

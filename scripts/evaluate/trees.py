@@ -91,7 +91,7 @@ def read(path):
 def write(score, path):
     """Puts the trees and the bias into the core's belief.rs or a copy."""
     old = read(path)
-    rows = "".join(f"    Tree {{ property: {t.property}, limit: {t.limit}, leaf: {t.leaf} }},\n" for t in score.trees)
+    rows = "".join(f"    Tree::new({t.property}, {t.limit}, {t.leaf}),\n" for t in score.trees)
     new = TABLE.sub(lambda m: f"{m[1]}const TREES: [Tree; {len(score.trees)}] = [\n{rows}];\n", old)
     with open(path, "w", encoding="utf-8") as out:
         out.write(BIAS.sub(f"const BIAS: i32 = {score.bias};", new))

@@ -222,6 +222,11 @@ impl Blocks {
         self.places.iter().zip(&self.values).take(self.n).map(|(&place, &value)| (usize::from(place), value))
     }
 
+    /// Whether the blocks divide a part of the template, which is given, and not all of it.
+    pub(crate) fn is_part(&self, luma: &Plane<'_, u8>) -> bool {
+        self.part[0].len() * self.part[1].len() < luma.width() * luma.height()
+    }
+
     /// Number of blocks that agree: the sum of the blocks' agreements.
     pub(crate) fn support(&self) -> f32 {
         self.values[..self.n].iter().map(|&c| agreement(c)).sum()
