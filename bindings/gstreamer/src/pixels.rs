@@ -10,7 +10,7 @@ use keygraph::picture::{Picture, Pixels};
 pub const FORMATS: [VideoFormat; 4] = [VideoFormat::I420, VideoFormat::Nv12, VideoFormat::Rgb, VideoFormat::Gray8];
 
 /// Rows of a plane, without their padding.
-fn rows<'a, T>(frame: &'a VideoFrameRef<T>, plane: u32, bytes: usize, count: usize) -> impl Iterator<Item = &'a [u8]>
+fn rows<T>(frame: &VideoFrameRef<T>, plane: u32, bytes: usize, count: usize) -> impl Iterator<Item = &[u8]>
 where
     VideoFrameRef<T>: VideoFrameExt,
 {
