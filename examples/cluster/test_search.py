@@ -116,7 +116,13 @@ class Cluster(unittest.TestCase):
         self.assertEqual({path for path in before if before[path] != after[path]}, {lost})
 
     def test_mistakes_are_told(self):
-        for arguments, told in [([__file__], "is no picture"), (["-m", "nowhere.kgm", __file__], "nowhere.kgm")]:
+        picture = self.folder / "frames/0000.jpg"
+        for arguments, told in [
+            ([__file__], "is no picture"),
+            (["-m", "nowhere.kgm", picture], "nowhere.kgm"),
+            (["--threshold", "0.5", self.folder / "frames"], "holds rows of another run"),
+            ([picture], "holds rows of another run"),
+        ]:
             run = search(self.folder, *arguments)
             self.assertIn(told, run.communicate()[1])
             self.assertEqual(run.returncode, 1)

@@ -296,7 +296,7 @@ fn add_metas(buffer: &mut gst::BufferRef, model: &Model<'_>, found: &Found, (wid
         let span = |axis: usize, most: u32| {
             let all = d.corners.iter().map(|c| c[axis].clamp(0.0, most as f32));
             let (low, high) = all.fold((most as f32, 0.0f32), |(a, b), v| (a.min(v), b.max(v)));
-            (low as u32, (high - low) as u32)
+            (low.floor() as u32, (high.ceil() - low.floor()) as u32)
         };
         let ((x, w), (y, h)) = (span(0, width), span(1, height));
         let name = model.object(usize::from(d.object)).name;

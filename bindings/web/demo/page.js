@@ -45,6 +45,7 @@ function taken(input) {
 // ---------------------------------------------------------------- the picture
 
 let bitmap = null; // The picture that is being looked at.
+let training = null; // What stops the training of it.
 const outline = new Outline($("picture"), $("corners"), showPicture);
 
 function showPicture() {
@@ -59,6 +60,7 @@ async function take(file, name) {
   } catch {
     throw new Error(`${file.name ?? "The file"} is no picture that this browser reads. Try a JPEG or a PNG.`);
   }
+  training?.abort();
   const scale = Math.min(MOST_PX / Math.max(whole.width, whole.height), 1);
   const [resizeWidth, resizeHeight] = [whole.width, whole.height].map((v) => Math.max(Math.round(v * scale), 1));
   bitmap = scale < 1 ? await createImageBitmap(whole, { resizeWidth, resizeHeight, resizeQuality: "high" }) : whole;
@@ -73,6 +75,7 @@ async function take(file, name) {
 }
 
 function leave() {
+  training?.abort();
   $("work").hidden = true;
   $("drop").hidden = false;
   bitmap = null;
@@ -111,18 +114,23 @@ addEventListener("drop", learning(async (event) => {
 $("training").onsubmit = learning(async () => {
   const name = $("name").value.trim();
   if (models.has(name)) throw new Error(`There is an object of the name ${name} already: give another name, or remove that one.`);
+  training?.abort();
+  const own = (training = new AbortController());
   $("train").disabled = true;
   say("Training…");
   try {
     const start = performance.now();
-    const model = await Keygraph.train(bitmap, { name, preset: $("preset").value, outline: points() });
+    const options = { name, preset: $("preset").value, outline: points(), signal: own.signal };
+    const model = await Keygraph.train(bitmap, options);
     const seconds = ((performance.now() - start) / 1000).toFixed(1);
+    training = null;
     leave();
     await add(name, model);
     say([`Learned ${name} in ${seconds} s.`, ...model.warnings.map((w) => `${w}.`)].join(" "));
     assess(model);
   } finally {
-    $("train").disabled = false;
+    if (own.signal.aborted) say("");
+    if (training === own || training === null) $("train").disabled = false;
   }
 });
 
@@ -130,11 +138,13 @@ const points = () => outline.points ?? undefined;
 
 // ---------------------------------------------------------------- the assessment
 
-let assessing = null;
+let assessing = null; // { model, and what stops its assessment }
 
 async function assess(model) {
-  assessing?.abort();
-  const own = (assessing = new AbortController());
+  assessing?.stop.abort();
+  const own = { model, stop: new AbortController(), signal: null };
+  own.signal = own.stop.signal;
+  assessing = own;
   $("report").hidden = false;
   $("progress").hidden = false;
   for (const id of ["score", "verdict"]) $(id).textContent = "";
@@ -168,13 +178,23 @@ const models = new Map();
 
 async function add(name, model) {
   models.set(name, model);
-  showObjects();
-  await reopen();
+  try {
+    await reopen();
+  } catch (error) {
+    // It does not go together with the others, which go on being searched for.
+    models.delete(name);
+    await reopen();
+    throw error;
+  } finally {
+    showObjects();
+  }
 }
 
 async function load(file) {
+  const name = stem(file);
+  if (models.has(name)) throw new Error(`There is an object of the name ${name} already: remove that one first.`);
   const model = await Keygraph.read(file);
-  await add(stem(file), model);
+  await add(name, model);
   say(`Loaded ${model.objects.map((o) => o.name).join(", ")}.`);
 }
 
@@ -197,8 +217,8 @@ function showObjects() {
     const remove = element("button", { ariaLabel: `Remove ${name}` }, "Remove");
     remove.onclick = learning(async () => {
       models.delete(name);
-      if (model.picture) {
-        assessing?.abort();
+      if (assessing?.model === model) {
+        assessing.stop.abort();
         $("report").hidden = true;
       }
       showObjects();
@@ -236,7 +256,8 @@ $("threshold").onchange = watching(reopen);
 function words(line) {
   if (!models.size) return "Nothing to find yet: give it a picture.";
   if (!line?.detections.length) return "Not in sight.";
-  return line.detections.map((d) => `${d.object} ${d.score.toFixed(2)}`).join(", ");
+  // Without scores, which change in every frame: a screen reader says each change.
+  return line.detections.map((d) => d.object).join(", ");
 }
 
 let told = 0;

@@ -67,7 +67,12 @@ export async function camera(id) {
   const source = new Playing();
   const [track] = stream.getVideoTracks();
   track.onended = () => source.end(new Error("The camera was taken away: plug it in, then start again."));
-  await source.start((video) => (video.srcObject = stream));
+  try {
+    await source.start((video) => (video.srcObject = stream));
+  } catch (error) {
+    source.close();
+    throw new Error(`The camera gives no picture: ${error.message}`);
+  }
   return Object.assign(source, { id: track.getSettings().deviceId });
 }
 

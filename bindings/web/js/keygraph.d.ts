@@ -3,7 +3,7 @@
  *
  * Everything is computed in workers of the page; no pixel leaves it. Lengths are px of the picture or the
  * frame that was given. Points have their pixel's centre at whole numbers. Each function rejects with a
- * {@link KeygraphError}.
+ * {@link KeygraphError}; a call that its `signal` stops rejects with the reason of the signal.
  */
 
 /** An error that Keygraph reports. */

@@ -20,7 +20,9 @@ let compiled = null;
 async function compile() {
   const name = WebAssembly.validate(VECTORS) ? "keygraph-simd.wasm" : "keygraph.wasm";
   const url = new URL(`./${name}`, import.meta.url);
-  const response = await fetch(url);
+  const response = await fetch(url).catch((error) => {
+    throw new KeygraphError(`${url}: cannot be fetched (${error.message})`, "state");
+  });
   if (!response.ok) throw new KeygraphError(`${url}: ${response.status} ${response.statusText}`, "state");
   return WebAssembly.compile(await response.arrayBuffer());
 }
@@ -117,7 +119,12 @@ class Local {
 async function instance(progress) {
   const compiled = await module();
   const own = settings.worker ? new Remote(progress) : new Local(progress);
-  await own.start(compiled);
+  try {
+    await own.start(compiled);
+  } catch (error) {
+    own.close();
+    throw error;
+  }
   return own;
 }
 
@@ -129,12 +136,15 @@ async function once(head, parts, { signal, onProgress } = {}) {
   try {
     signal?.throwIfAborted();
     signal?.addEventListener("abort", stop);
-    return await own.ask(head, parts);
+    return await own.ask(head, parts.map(alone));
   } finally {
     signal?.removeEventListener("abort", stop);
     own.close();
   }
 }
+
+/** The bytes without what else is in their buffer, which a worker would get, too. */
+const alone = (bytes) => (bytes.byteLength === bytes.buffer.byteLength ? bytes : bytes.slice());
 
 const shape = ({ format, width, height }) => ({ format, width, height });
 
@@ -182,10 +192,18 @@ async function joined(models) {
 
 // ---------------------------------------------------------------- detectors
 
+/** A promise, and what fulfils it. */
+function promised() {
+  let resolve;
+  const promise = new Promise((go) => (resolve = go));
+  return { promise, resolve };
+}
+
 /** Finds objects in frames, each frame by itself. */
 export class Detector {
   #own;
   #model;
+  #before = Promise.resolve(); // Until the frame before was handed over.
 
   constructor(secret, own, model) {
     if (secret !== SECRET) throw new KeygraphError("use Keygraph.detector", "value");
@@ -202,11 +220,22 @@ export class Detector {
   }
 
   async detect(image, { details = false, source = "", frame = 0 } = {}) {
-    const pixels = await pixelsOf(image);
-    // What somebody else has is copied; what was read here is handed over.
-    const transfer = pixels.own ? [pixels.data.buffer] : [];
-    const head = { call: "look", pixels: shape(pixels), details, source, frame };
-    const { head: line, bytes } = await this.#own.ask(head, [pixels.data], transfer);
+    // A frame that takes long to decode must not be overtaken by the next one.
+    const before = this.#before;
+    const { promise, resolve } = promised();
+    this.#before = promise;
+    let answer;
+    try {
+      const pixels = await pixelsOf(image);
+      await before;
+      // What somebody else has is copied; what was read here is handed over.
+      const data = pixels.own ? pixels.data : pixels.data.slice();
+      const head = { call: "look", pixels: shape(pixels), details, source, frame };
+      answer = this.#own.ask(head, [data], [data.buffer]);
+    } finally {
+      resolve();
+    }
+    const { head: line, bytes } = await answer;
     if (!details) return line;
     const [corners, keygraphs, votes] = line.details;
     const floats = new Float32Array(bytes.buffer, bytes.byteOffset, bytes.byteLength / 4);
@@ -221,6 +250,7 @@ export class Detector {
 
   /** @protected */
   async restart() {
+    await this.#before;
     await this.#own.ask({ call: "restart" });
   }
 

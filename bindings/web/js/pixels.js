@@ -24,7 +24,13 @@ function drawn(source, width, height) {
   const context = canvas.getContext("2d", { willReadFrequently: true });
   context.clearRect(0, 0, width, height);
   context.drawImage(source, 0, 0, width, height);
-  const { data } = context.getImageData(0, 0, width, height);
+  let data;
+  try {
+    ({ data } = context.getImageData(0, 0, width, height));
+  } catch (error) {
+    canvas = null;
+    throw new KeygraphError(`the picture comes from another address, which does not allow to read it: ${error.message}`, "value");
+  }
   return { format: "rgba", width, height, data, own: true };
 }
 
@@ -34,9 +40,14 @@ export async function pixelsOf(source) {
   if (is(source, "ImageData")) {
     return { format: "rgba", width: source.width, height: source.height, data: source.data, own: false };
   }
-  if (is(source, "HTMLVideoElement")) return drawn(source, source.videoWidth, source.videoHeight);
+  if (is(source, "HTMLVideoElement")) {
+    const there = source.readyState >= source.HAVE_CURRENT_DATA;
+    return drawn(source, there && source.videoWidth, source.videoHeight);
+  }
   if (is(source, "HTMLImageElement")) {
-    await source.decode();
+    await source.decode().catch(() => {
+      throw new KeygraphError(`${source.src} is no picture that this browser reads`, "value");
+    });
     return drawn(source, source.naturalWidth, source.naturalHeight);
   }
   if (is(source, "VideoFrame")) return drawn(source, source.displayWidth, source.displayHeight);

@@ -16,6 +16,21 @@ pub struct Failure {
     text: String,
 }
 
+/// Sentences of the command line, and what a page calls the same.
+const WORDS: [(&str, &str); 6] = [
+    ("train with --crop ", "train with the outline of the part x,y,width,height "),
+    ("make one with `keygraph train`", "make one with Keygraph.train"),
+    ("--profile hd", "profile: \"hd\""),
+    ("--min-visible", "minVisible"),
+    ("--profile", "profile"),
+    ("--roi", "roi"),
+];
+
+/// A sentence of the command line, as a page says it.
+pub fn in_page(text: &str) -> String {
+    WORDS.iter().fold(text.to_string(), |text, (ours, page)| text.replace(ours, page))
+}
+
 impl Failure {
     /// An option or a size that is wrong.
     pub fn value(text: impl Into<String>) -> Self {
@@ -29,7 +44,7 @@ impl Failure {
 
     /// The answer that tells it.
     pub fn answer(&self) -> Answer {
-        Answer::of(&json!({"error": self.text, "kind": self.kind}))
+        Answer::of(&json!({"error": in_page(&self.text), "kind": self.kind}))
     }
 }
 

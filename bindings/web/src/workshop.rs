@@ -18,7 +18,7 @@ use keygraph::sweep::{Options, all_frames};
 use keygraph_core::{DEFAULT_THRESHOLD, Method, Model, NAME_BYTES};
 use serde_json::json;
 
-use crate::failure::Failure;
+use crate::failure::{Failure, in_page};
 use crate::message::{Answer, Assess, Pack, Train};
 use crate::pixels;
 
@@ -63,7 +63,7 @@ pub fn train(options: &Train, bytes: &[u8]) -> Result<Answer, Failure> {
         }
     }
     let mut head = model_object(&view);
-    head["warnings"] = json!(warnings);
+    head["warnings"] = warnings.iter().map(|said| in_page(said)).collect();
     head["picture"] = json!([picture.width, picture.height]);
     let rgb = keygraph::canvas::Canvas::from_picture(&picture);
     Ok(Answer::of(&head).with(model).with(rgb.rgb().iter().copied()))

@@ -85,7 +85,7 @@ describe("the page", () => {
     const page = await open();
     await learn(page);
     await page.click("#start");
-    await shows(page, "found", /^astronaut [01]\.\d\d$/);
+    await shows(page, "found", /^astronaut$/);
     const model = join(WORK, "page.kgm");
     keygraph("train", PICTURE, "--name", "astronaut", "-o", model);
     const [{ detections }] = lines("detect", "-m", model, "--json", SHOT);
@@ -157,8 +157,10 @@ describe("the page", () => {
     const page = await open();
     await shows(page, "offline", /without a network/);
     const other = await serve();
-    const refused = await page.evaluate((url) => fetch(url).then(() => "sent", (error) => error.name), other.url);
-    assert.equal(refused, "TypeError", "the policy of the page refuses other addresses");
+    // Without a policy, the browser would send this, and hide the answer from the page.
+    const send = (url) => fetch(`${url}spy`, { mode: "no-cors" }).then(() => "sent", (error) => error.name);
+    assert.equal(await page.evaluate(send, other.url), "TypeError", "the policy of the page refuses other addresses");
+    assert.deepEqual(other.strange, [], "nothing has arrived");
     other.server.close();
     await page.context().setOffline(true);
     await page.reload();
