@@ -7,7 +7,7 @@
 
 use http::header::{AUTHORIZATION, HOST, ORIGIN};
 use http::{HeaderMap, HeaderValue};
-use keygraph::camera::cutout::{cut_out, parse_outline};
+use keygraph::cutout::{cut_out, parse_outline};
 use keygraph::camera::guard::{Action, Guard, Refusal};
 use keygraph::picture::{Picture, Pixels};
 
