@@ -233,7 +233,7 @@ export class Detector {
       const head = { call: "look", pixels: shape(pixels), details, source, frame };
       answer = this.#own.ask(head, [data], [data.buffer]);
     } finally {
-      resolve();
+      before.then(resolve);
     }
     const { head: line, bytes } = await answer;
     if (!details) return line;
