@@ -7,8 +7,8 @@
 
 use http::header::{AUTHORIZATION, HOST, ORIGIN};
 use http::{HeaderMap, HeaderValue};
-use keygraph::cutout::{cut_out, parse_outline};
 use keygraph::camera::guard::{Action, Guard, Refusal};
+use keygraph::cutout::{cut_out, parse_outline};
 use keygraph::picture::{Picture, Pixels};
 
 use crate::Input;
