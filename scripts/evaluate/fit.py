@@ -44,7 +44,7 @@ DIRECTIONS = {
 # A kind weighs as the square root of its detections, times its factor, or 1.
 FACTORS = {
     **dict.fromkeys(CONDITIONS, 5.0),
-    **dict.fromkeys(("behind a box", "behind something", "crumpled"), 10.0),
+    **dict.fromkeys(("behind a box", "mostly hidden", "behind something", "crumpled"), 10.0),
     **dict.fromkeys(("members", "real", "unlike", "elsewhere"), 2.0),
     "hidden members": 1.5,
     **dict.fromkeys(MOSTLY_SHARED, 0.3),
