@@ -24,12 +24,12 @@ const PICTURE = png("pictures/astronaut.jpg");
 const FRAMES = Number(process.env.KEYGRAPH_WEB_FRAMES ?? 120);
 const BLUE = [0x4c, 0xc2, 0xff]; // Of the first object's outline.
 
-/** Serves the page, and pictures below /work/; counts what other paths are asked for. */
+/** Serves the page, and pictures below /shots/; counts what other paths are asked for. */
 async function serve() {
   const strange = [];
   const server = createServer((request, response) => {
     const path = new URL(request.url, "http://localhost").pathname;
-    const file = path.startsWith("/work/") ? join(WORK, path.slice(6)) : join(PACKAGE, "site", path.endsWith("/") ? `${path}index.html` : path);
+    const file = path.startsWith("/shots/") ? join(WORK, path.slice(7)) : join(PACKAGE, "site", path.endsWith("/") ? `${path}index.html` : path);
     try {
       const body = readFileSync(file);
       response.writeHead(200, { "content-type": TYPES[extname(file)] ?? "application/octet-stream" }).end(body);
@@ -125,13 +125,13 @@ describe("the page", () => {
     const frames = ["sequence/0005.jpg", "sequence/0020.jpg", "pictures/rocket.jpg"].map(png);
     const got = await page.evaluate(async ([picture, frames, many]) => {
       const { Keygraph } = await import("./keygraph/keygraph.js");
-      const file = async (name) => (await fetch(`work/${name}`)).blob();
+      const file = async (name) => (await fetch(`shots/${name}`)).blob();
       const model = await Keygraph.train(await file(picture), { name: "astronaut" });
       const detector = await Keygraph.detector(model, { digests: true });
       const read = [];
       for (const name of frames) {
         const image = new Image();
-        image.src = `work/${name}`;
+        image.src = `shots/${name}`;
         // A file, an image and a bitmap are the same picture.
         const ways = [await file(name), image, await createImageBitmap(await file(name))];
         read.push(await Promise.all(ways.map((way) => detector.detect(way))));
