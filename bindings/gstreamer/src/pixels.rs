@@ -30,17 +30,18 @@ where
         (width, height) = (width & !1, height & !1);
     }
     let (w, h) = (width as usize, height as usize);
-    let plane = |plane, bytes, count| rows(frame, plane, bytes, count).flatten().copied();
+    let plane = |plane, bytes, count| rows(frame, plane, bytes, count).collect::<Vec<_>>().concat();
     let pixels = match format {
-        VideoFormat::I420 => {
-            Pixels::I420(plane(0, w, h).chain(plane(1, w / 2, h / 2)).chain(plane(2, w / 2, h / 2)).collect())
-        }
+        VideoFormat::I420 => Pixels::I420([plane(0, w, h), plane(1, w / 2, h / 2), plane(2, w / 2, h / 2)].concat()),
         VideoFormat::Nv12 => {
-            let chroma = |at: usize| plane(1, w, h / 2).skip(at).step_by(2);
-            Pixels::I420(plane(0, w, h).chain(chroma(0)).chain(chroma(1)).collect())
+            let (mut planes, pairs) = (plane(0, w, h), plane(1, w, h / 2));
+            for at in 0..2 {
+                planes.extend(pairs.as_chunks::<2>().0.iter().map(|pair| pair[at]));
+            }
+            Pixels::I420(planes)
         }
-        VideoFormat::Rgb => Pixels::Rgb8(plane(0, 3 * w, h).collect()),
-        _ => Pixels::Gray8(plane(0, w, h).collect()),
+        VideoFormat::Rgb => Pixels::Rgb8(plane(0, 3 * w, h)),
+        _ => Pixels::Gray8(plane(0, w, h)),
     };
     Picture { width, height, pixels }
 }

@@ -120,7 +120,7 @@ $("training").onsubmit = learning(async () => {
   say("Training…");
   try {
     const start = performance.now();
-    const options = { name, preset: $("preset").value, outline: points(), signal: own.signal };
+    const options = { name, preset: $("preset").value, outline: outline.points ?? undefined, signal: own.signal };
     const model = await Keygraph.train(bitmap, options);
     const seconds = ((performance.now() - start) / 1000).toFixed(1);
     training = null;
@@ -134,17 +134,14 @@ $("training").onsubmit = learning(async () => {
   }
 });
 
-const points = () => outline.points ?? undefined;
-
 // ---------------------------------------------------------------- the assessment
 
 let assessing = null; // { model, and what stops its assessment }
 
 async function assess(model) {
   assessing?.stop.abort();
-  const own = { model, stop: new AbortController(), signal: null };
-  own.signal = own.stop.signal;
-  assessing = own;
+  const stop = new AbortController();
+  const own = (assessing = { model, stop });
   $("report").hidden = false;
   $("progress").hidden = false;
   for (const id of ["score", "verdict"]) $(id).textContent = "";
@@ -152,7 +149,7 @@ async function assess(model) {
   for (const part of [$("heat").parentElement, $("table")]) part.hidden = true;
   try {
     const onProgress = (done, all) => ($("progress").value = done / all);
-    const report = await Keygraph.assess(model, { views: 4, signal: own.signal, onProgress });
+    const report = await Keygraph.assess(model, { views: 4, signal: stop.signal, onProgress });
     $("score").textContent = `${report.score} of 100`;
     $("score").className = report.score >= 80 ? "good" : report.score >= 50 ? "" : "bad";
     $("verdict").textContent = report.limits.length ? "" : "Nothing limits it.";
@@ -166,7 +163,7 @@ async function assess(model) {
     }));
     for (const part of [$("heat").parentElement, $("table")]) part.hidden = false;
   } catch (error) {
-    if (!own.signal.aborted) $("verdict").textContent = error.message;
+    if (!stop.signal.aborted) $("verdict").textContent = error.message;
   } finally {
     if (assessing === own) $("progress").hidden = true;
   }
@@ -268,7 +265,8 @@ function tell(line, took) {
   arrivals = arrivals.filter((t) => now - t < 2000).concat(now);
   if (now - told < 250) return; // Words change four times a second at most.
   told = now;
-  if ($("found").textContent !== words(line)) $("found").textContent = words(line);
+  const said = words(line);
+  if ($("found").textContent !== said) $("found").textContent = said;
   const rate = ((arrivals.length - 1) * 1000) / Math.max(now - arrivals[0], 1);
   const search = line ? `, ${line.time_ms.total.toFixed(1)} ms to search, ${took.toFixed(1)} ms with the copy` : "";
   $("speed").textContent = `${Math.max(rate, 0).toFixed(0)} frames a second${search}`;

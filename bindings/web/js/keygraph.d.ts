@@ -224,7 +224,7 @@ export declare class Detector {
   close(): void;
 }
 
-/** Follows objects from frame to frame of one camera or video: most frames take a millisecond. */
+/** Follows objects from frame to frame of one camera or video: most frames take two milliseconds. */
 export declare class Tracker extends Detector {
   /** Follows objects into the next frame. */
   track(image: Picture, options?: FrameOptions): Promise<FrameResult>;

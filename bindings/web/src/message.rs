@@ -154,7 +154,7 @@ pub struct Look {
     /// Name of its source in the answer.
     #[serde(default)]
     pub source: String,
-    /// Its index in the source.
+    /// Index of the frame in its source.
     #[serde(default)]
     pub frame: u64,
     /// Whether corners, triangles and votes are reported.
