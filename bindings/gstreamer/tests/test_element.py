@@ -124,6 +124,9 @@ class Element(unittest.TestCase):
                         self.assertEqual(after[middle[1] * 640 + middle[0]], 255)
 
     def test_mistakes_are_told(self):
+        # gst-launch-1.0 (seen with 1.22, with any element) can wait for ever for a sink that an error kept from its
+        # first buffer: this one is not waited for.
+        sink = ["fakesink", "async=false"]
         damaged = self.folder / "damaged.kgm"
         damaged.write_bytes(self.model.read_bytes()[:-1])
         for options, told in [
@@ -132,11 +135,11 @@ class Element(unittest.TestCase):
             ([f"model={damaged}"], "damaged.kgm"),
             ([f"model={self.model}", "profile=4k"], "expected hd, vga, qvga or qqvga, got 4k"),
         ]:
-            status, printed = launch("videotestsrc", "num-buffers=1", "!", "keygraphdetect", *options, "!", "fakesink")
+            status, printed = launch("videotestsrc", "num-buffers=1", "!", "keygraphdetect", *options, "!", *sink)
             self.assertNotEqual(status, 0)
             self.assertIn(told, printed)
         small = ["videotestsrc", "num-buffers=1", "!", "video/x-raw,width=8,height=8"]
-        status, printed = launch(*small, "!", "keygraphdetect", f"model={self.model}", "!", "fakesink")
+        status, printed = launch(*small, "!", "keygraphdetect", f"model={self.model}", "!", *sink)
         self.assertNotEqual(status, 0)
         self.assertIn("8x8 px", printed)
 
