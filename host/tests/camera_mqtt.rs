@@ -6,153 +6,19 @@
 //! test of TLS also when there is no OpenSSL.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
 
+mod broker;
 mod camera_live;
 mod program;
 
-use std::io::{BufRead, BufReader, Read, Write};
-use std::net::{TcpListener, TcpStream};
-use std::path::Path;
-use std::process::{Child, Command, Stdio};
-use std::sync::mpsc::{Receiver, channel};
+use std::io::{Read, Write};
+use std::net::TcpListener;
 use std::thread;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
+use broker::{Subscriber, broker, broker_with, free_port, make_certificates, retain, skip};
 use camera_live::{LIMIT, Live};
-use jsonschema::Validator;
 use program::{Folder, keygraph, picture};
-use serde_json::{Value, json};
-
-/// A process that is killed when dropped.
-struct Process(Child);
-
-impl Drop for Process {
-    fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
-    }
-}
-
-/// Whether a test may be left out since `package` is missing, which is said aloud.
-fn skip(package: &str) {
-    assert!(std::env::var_os("KEYGRAPH_MUST_NOT_SKIP").is_none(), "no {package}, and nothing may be skipped");
-    let _ = writeln!(std::io::stderr(), "SKIPPED: no {package}: sudo apt-get install {package}");
-}
-
-fn free_port() -> u16 {
-    TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
-}
-
-/// Starts Mosquitto with `arguments`, and waits until it listens at `port`.
-fn broker_with(port: u16, arguments: &[&str]) -> Option<Process> {
-    // Debian installs servers in a folder that is in the path of root only.
-    let start = |program: &str| {
-        let mut command = Command::new(program);
-        command.args(arguments).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).spawn().ok()
-    };
-    let broker = start("mosquitto").or_else(|| start("/usr/sbin/mosquitto"));
-    let subscriber = Command::new("mosquitto_sub").arg("--help").output().is_ok();
-    let Some(broker) = broker.map(Process).filter(|_| subscriber) else {
-        skip("mosquitto mosquitto-clients");
-        return None;
-    };
-    let end = Instant::now() + LIMIT;
-    while TcpStream::connect(("127.0.0.1", port)).is_err() {
-        assert!(Instant::now() < end, "the broker does not listen");
-        thread::sleep(Duration::from_millis(50));
-    }
-    Some(broker)
-}
-
-fn broker(port: u16) -> Option<Process> {
-    broker_with(port, &["-p", &port.to_string()])
-}
-
-/// The schema of the messages under each topic.
-struct Schema([(&'static str, Validator); 3]);
-
-impl Schema {
-    fn new() -> Self {
-        let read = |name: &str| -> Value {
-            let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/schema").join(name);
-            serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
-        };
-        let mut all = read("mqtt.json");
-        // The schema beside it becomes a part of it, under its own id.
-        all["$defs"]["beside"] = read("detection.json");
-        let of = |name| {
-            let schema = json!({"$schema": all["$schema"], "$ref": format!("#/$defs/{name}"), "$defs": all["$defs"]});
-            jsonschema::draft202012::new(&schema).unwrap()
-        };
-        Self([("test/objects/", of("object")), ("test/detections", of("detections")), ("home/", of("config"))])
-    }
-
-    fn check(&self, topic: &str, payload: &str) {
-        if topic == "test/status" {
-            return assert!(["online", "offline"].contains(&payload), "{payload}");
-        }
-        let validator = &self.0.iter().find(|(start, _)| topic.starts_with(start)).expect(topic).1;
-        if !payload.is_empty() {
-            let message = serde_json::from_str(payload).unwrap();
-            let errors: Vec<_> =
-                validator.iter_errors(&message).map(|e| format!("{} {e}", e.instance_path())).collect();
-            assert!(errors.is_empty(), "{topic}: {errors:?} in {payload}");
-        }
-    }
-}
-
-/// The messages published under `test/` and `home/`: topic, whether retained, payload.
-struct Subscriber {
-    _process: Process,
-    messages: Receiver<String>,
-    schema: Schema,
-}
-
-impl Subscriber {
-    fn new(port: u16) -> Self {
-        Self::with(port, &[])
-    }
-
-    fn with(port: u16, arguments: &[&str]) -> Self {
-        let mut child = Command::new("mosquitto_sub")
-            .args(["-h", "127.0.0.1", "-p", &port.to_string()])
-            .args(["-t", "test/#", "-t", "home/#", "-q", "1", "-F", "%t %r %p"])
-            .args(arguments)
-            .stdout(Stdio::piped())
-            .spawn()
-            .unwrap();
-        let out = child.stdout.take().unwrap();
-        let (sender, messages) = channel();
-        thread::spawn(move || BufReader::new(out).lines().map_while(Result::ok).try_for_each(|l| sender.send(l)));
-        Self { _process: Process(child), messages, schema: Schema::new() }
-    }
-
-    /// The payload of the next message of a topic for which `is_right` holds.
-    fn wait_for(&self, topic: &str, is_right: impl Fn(&str) -> bool) -> String {
-        let end = Instant::now() + LIMIT;
-        let mut seen: Vec<String> = Vec::new();
-        loop {
-            let left = end.saturating_duration_since(Instant::now());
-            let message = self.messages.recv_timeout(left);
-            let message = message.unwrap_or_else(|_| panic!("nothing right under {topic}; but:\n{}", seen.join("\n")));
-            let mut parts = message.splitn(3, ' ');
-            let (at, payload) = (parts.next().unwrap(), parts.nth(1).unwrap());
-            if !payload.contains("left by") {
-                self.schema.check(at, payload);
-            }
-            if at == topic && is_right(payload) {
-                return payload.to_string();
-            }
-            seen.push(message.chars().take(160).collect());
-        }
-    }
-}
-
-/// Publishes a retained message.
-fn retain(port: u16, topic: &str, payload: &str) {
-    let port = port.to_string();
-    let arguments = ["-h", "127.0.0.1", "-p", &port, "-t", topic, "-m", payload, "-r", "-q", "1"];
-    assert!(Command::new("mosquitto_pub").args(arguments).status().unwrap().success());
-}
+use serde_json::Value;
 
 /// A folder with one frame that shows the astronaut, and a model of it under `name`.
 struct Scene {
@@ -306,38 +172,6 @@ fn a_broker_that_stops_answering_does_not_delay_the_end() {
         assert!(status.success(), "{status}");
         assert!(time < Duration::from_secs(2), "accepts: {accepts}; ended after {time:?}");
     }
-}
-
-/// Runs OpenSSL in a folder; false if there is none.
-fn openssl(folder: &Folder, arguments: &str) -> bool {
-    let run = Command::new("openssl").args(arguments.split_whitespace()).current_dir(&folder.0).output();
-    let Ok(run) = run else { return false };
-    assert!(run.status.success(), "{arguments}: {}", String::from_utf8_lossy(&run.stderr));
-    true
-}
-
-/// Makes authorities `ca` and `other`, and certificates `server`, `old` (expired) and `client`
-/// of `ca`. False if there is no OpenSSL.
-fn make_certificates(folder: &Folder) -> bool {
-    const KEY: &str = "-newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes";
-    let settings = "[ca]\ndefault_ca=all\n[all]\ndatabase=index.txt\nnew_certs_dir=.\ndefault_md=sha256\npolicy=names\n\
-                    unique_subject=no\nrand_serial=yes\n[names]\ncommonName=supplied\n[leaf]\nsubjectAltName=IP:127.0.0.1\n\
-                    basicConstraints=CA:FALSE\n";
-    folder.file("ca.cnf", settings.as_bytes());
-    folder.file("index.txt", b"");
-    for name in ["ca", "other"] {
-        if !openssl(folder, &format!("req -x509 {KEY} -keyout {name}.key -out {name}.pem -days 2 -subj /CN={name}")) {
-            return false;
-        }
-    }
-    for (name, dates) in
-        [("server", "-days 2"), ("client", "-days 2"), ("old", "-startdate 20200101000000Z -enddate 20210101000000Z")]
-    {
-        openssl(folder, &format!("req -new {KEY} -keyout {name}.key -out {name}.csr -subj /CN={name}"));
-        let authority = "ca -config ca.cnf -batch -notext -cert ca.pem -keyfile ca.key -extensions leaf";
-        openssl(folder, &format!("{authority} -in {name}.csr -out {name}.pem {dates}"));
-    }
-    true
 }
 
 #[test]

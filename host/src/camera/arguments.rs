@@ -67,7 +67,12 @@ pub struct Publishing {
     /// for TLS
     #[arg(long, value_name = "URL", env = "KEYGRAPH_MQTT", hide_env_values = true)]
     pub mqtt: Option<String>,
-    /// Authorities to trust, in PEM [default: those of the system]
+    /// Run the models that are ordered under this topic of the broker (see `keygraph order`)
+    /// [default: keygraph/models]
+    #[arg(long, value_name = "TOPIC", requires = "mqtt", num_args = 0..=1, default_missing_value = "keygraph/models")]
+    pub mqtt_models: Option<String>,
+    /// Authorities to trust, in PEM, for the broker and for servers of ordered models
+    /// [default: those of the system]
     #[arg(long, value_name = "FILE", requires = "mqtt")]
     pub mqtt_ca: Option<PathBuf>,
     /// Certificate of this program, in PEM

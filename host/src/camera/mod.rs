@@ -85,6 +85,8 @@ use lines::Lines;
 use live::{Live, Outcome, search_frames};
 use models::Models;
 use mqtt::broker::Broker;
+use mqtt::fetch::Fetcher;
+use mqtt::fleet::Fleet;
 use session::{Page, Session};
 use shelf::Shelf;
 use slot::Slot;
@@ -93,6 +95,8 @@ use web::School;
 
 /// Maximum time at the end of the program for answers that are still being sent.
 const FAREWELL: Duration = Duration::from_secs(1);
+/// The folder of ordered models in that of models.
+const ORDERED: &str = "ordered";
 
 /// A frame from the source.
 #[derive(Debug)]
@@ -120,13 +124,21 @@ pub fn camera(arguments: &Arguments) -> Result<()> {
     arguments.token.as_deref().map(guard::check_token).transpose()?;
     let shelf = arguments.folder.as_deref().map(Shelf::open).transpose()?;
     let models = Models::load(&arguments.models, shelf)?;
+    let broker = Broker::from_arguments(&arguments.publishing)?;
+    let fleet = arguments.publishing.mqtt_models.as_ref().map(|_| {
+        let fetcher = Fetcher::new(arguments.publishing.mqtt_ca.as_deref())?;
+        Fleet::open(arguments.folder.as_ref().map(|folder| folder.join(ORDERED)), fetcher)
+    });
+    let fleet = fleet.transpose()?;
+    if let Some(fleet) = &fleet {
+        fleet.resume(&models);
+    }
     ensure!(
-        arguments.web.is_some() || models.merged().bytes.is_some(),
+        arguments.web.is_some() || fleet.is_some() || models.merged().bytes.is_some(),
         "nothing to look for: give a model with -m (make one with `keygraph train`), or --web to learn objects on a page"
     );
     let live = Arc::new(Live::new(session::name_of(&arguments.origin), models, arguments.threshold));
-    let broker = Broker::from_arguments(&arguments.publishing)?.map(mqtt::channel);
-    let (mut publisher, outlet) = broker.unzip();
+    let (mut publisher, outlet) = broker.map(mqtt::channel).unzip();
     let page = arguments.web.map(|address| Page {
         address,
         token: arguments.token.clone(),
@@ -134,7 +146,7 @@ pub fn camera(arguments: &Arguments) -> Result<()> {
         school: School { plan: Plan { mirror: arguments.look.mirror, ..Plan::default() }, errand: None },
     });
     let mut lines = arguments.json.then(|| Lines::start(io::stdout())).transpose()?;
-    let session = Session::start(&arguments.origin, &live, page, outlet, 0)?;
+    let session = Session::start(&arguments.origin, &live, page, outlet.map(|outlet| (outlet, fleet)), 0)?;
 
     let mut left = arguments.frames;
     let mut diary = Diary::default();

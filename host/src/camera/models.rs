@@ -49,6 +49,9 @@ pub struct Entry {
     pub length: usize,
     /// The file on the shelf; it is removed with the model.
     pub file: Option<PathBuf>,
+    /// The SHA-256 of a model that was ordered, 64 hexadecimal digits. Such a model is exchanged, and not
+    /// removed.
+    pub sha256: Option<String>,
     /// The objects of the model, for the page.
     objects: Value,
     place: Place,
@@ -62,6 +65,28 @@ enum Place {
 }
 
 impl Entry {
+    /// A model of `bytes`, which are those of the file `opened`, if there is one: then they do not stay in
+    /// memory.
+    fn new(name: &str, bytes: Vec<u8>, file: Option<PathBuf>, opened: Option<File>) -> Result<Self> {
+        let model = Model::parse(&bytes)?;
+        let objects = (0..model.objects()).map(|i| model.object(i));
+        let objects = objects.map(|o| json!({"name": o.name, "width": o.width, "height": o.height})).collect();
+        let length = bytes.len();
+        // Nobody has exchanged it since it was read.
+        let opened = opened.filter(|file| file.metadata().is_ok_and(|m| m.len() == length as u64));
+        let place = opened.map_or_else(|| Place::Memory(Arc::new(bytes)), |file| Place::File(Arc::new(file)));
+        Ok(Self { id: 0, name: name.to_string(), length, file, sha256: None, objects, place })
+    }
+
+    /// An ordered model, for [`Models::exchange`]: `bytes` with this `sha256`, which are those of the file
+    /// `opened`, if there is one.
+    ///
+    /// # Errors
+    /// When the model is damaged.
+    pub fn ordered(name: &str, sha256: &str, bytes: Vec<u8>, opened: Option<File>) -> Result<Self> {
+        Ok(Self { sha256: Some(sha256.to_string()), ..Self::new(name, bytes, None, opened)? })
+    }
+
     /// The bytes of the model.
     ///
     /// # Errors
@@ -215,8 +240,6 @@ impl Models {
         K: FnOnce(&[u8]) -> Result<(Option<PathBuf>, Option<File>)>,
     {
         let model = Model::parse(&bytes)?;
-        let objects = (0..model.objects()).map(|i| model.object(i));
-        let objects = objects.map(|o| json!({"name": o.name, "width": o.width, "height": o.height})).collect();
         let _writing = self.writing.lock().unwrap_or_else(PoisonError::into_inner);
         let (count, last) = {
             let content = self.lock();
@@ -228,16 +251,58 @@ impl Models {
             packed_len(&[Model::parse(&last)?, model]).context("the models do not go together")?;
         }
         let (file, opened) = keep(&bytes)?;
-        let length = bytes.len();
-        // Nobody has exchanged it since it was read.
-        let opened = opened.filter(|file| file.metadata().is_ok_and(|m| m.len() == length as u64));
-        let place = opened.map_or_else(|| Place::Memory(Arc::new(bytes)), |file| Place::File(Arc::new(file)));
+        let mut entry = Entry::new(name, bytes, file, opened)?;
         let mut content = self.lock();
-        let entry = Entry { id: content.next_id, name: name.to_string(), length, file, objects, place };
+        entry.id = content.next_id;
         content.entries.push(entry.clone());
         content.next_id += 1;
         content.changes += 1;
         Ok(entry)
+    }
+
+    /// Exchanges all models that were ordered for those of a new order, in one merge.
+    ///
+    /// # Errors
+    /// When they are too many, or do not go with each other or with the models of this program alone. Then
+    /// nothing is exchanged.
+    pub fn exchange(&self, ordered: Vec<Entry>) -> Result<()> {
+        let before = self.set_ordered(ordered)?;
+        if let Err(error) = self.merge_changes() {
+            self.set_ordered(before)?;
+            // The search may have nothing until this is done.
+            self.merge_changes()?;
+            return Err(error);
+        }
+        Ok(())
+    }
+
+    /// Exchanges the models that were ordered. They are not merged yet. Returns those before.
+    fn set_ordered(&self, mut ordered: Vec<Entry>) -> Result<Vec<Entry>> {
+        let _writing = self.writing.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut content = self.lock();
+        let (before, mut entries): (Vec<_>, Vec<_>) =
+            content.entries.iter().cloned().partition(|entry| entry.sha256.is_some());
+        let all = entries.len() + ordered.len();
+        ensure!(
+            all <= MOST,
+            "{all} models are too many: {MOST} are in use at most, and {} are no ordered ones",
+            entries.len()
+        );
+        let mut next_id = content.next_id;
+        for entry in ordered.iter_mut().filter(|entry| entry.id == 0) {
+            entry.id = next_id;
+            next_id += 1;
+        }
+        entries.append(&mut ordered);
+        content.entries = entries;
+        content.next_id = next_id;
+        content.changes += 1;
+        Ok(before)
+    }
+
+    /// The model in use that was ordered by this SHA-256.
+    pub fn ordered(&self, sha256: &str) -> Option<Entry> {
+        self.lock().entries.iter().find(|entry| entry.sha256.as_deref() == Some(sha256)).cloned()
     }
 
     /// Merges the models, unless somebody else did so after the last change.
@@ -289,7 +354,7 @@ impl Models {
     /// has this id.
     ///
     /// # Errors
-    /// When the file cannot be removed; then the model stays.
+    /// When the file cannot be removed, or the model was ordered; then it stays.
     pub fn remove(&self, id: u64) -> Result<Option<Entry>> {
         let removed = self.take_out(id)?;
         self.merge_changes()?;
@@ -300,6 +365,8 @@ impl Models {
     fn take_out(&self, id: u64) -> Result<Option<Entry>> {
         let _writing = self.writing.lock().unwrap_or_else(PoisonError::into_inner);
         let Some(entry) = self.get(id) else { return Ok(None) };
+        let is_ordered = entry.sha256.is_some();
+        ensure!(!is_ordered, "{} was ordered through the broker: change the order there", entry.name);
         if let (Some(shelf), Some(file)) = (&self.shelf, &entry.file) {
             shelf.discard(file)?;
         }
@@ -337,13 +404,14 @@ impl Models {
         Merged { generation: self.generation(), bytes: content.merged.clone() }
     }
 
-    /// The list for the page: `[{"id","name","bytes","file","objects":[{"name","width",
-    /// "height"}]}]`; `file` is the name of the file on the shelf.
+    /// The list for the page: `[{"id","name","bytes","file","ordered","objects":[{"name","width",
+    /// "height"}]}]`; `file` is the name of the file on the shelf, `ordered` whether the broker ordered it.
     pub fn list(&self) -> Value {
         let entries = self.lock().entries.clone();
         let line = |e: &Entry| {
             json!({
-                "id": e.id, "name": e.name, "bytes": e.length, "file": e.file_name(), "objects": e.objects,
+                "id": e.id, "name": e.name, "bytes": e.length, "file": e.file_name(), "ordered": e.sha256.is_some(),
+                "objects": e.objects,
             })
         };
         entries.iter().map(line).collect()

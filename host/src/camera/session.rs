@@ -18,6 +18,7 @@ use super::arguments::Origin;
 use super::device;
 use super::guard::{self, Guard};
 use super::live::{Live, paint};
+use super::mqtt::fleet::Fleet;
 use super::mqtt::{self, Outlet};
 use super::replay::replay;
 use super::signals;
@@ -62,7 +63,7 @@ impl Session {
         origin: &Origin,
         live: &Arc<Live>,
         page: Option<Page>,
-        outlet: Option<Outlet>,
+        outlet: Option<(Outlet, Option<Fleet>)>,
         overdue: i32,
     ) -> Result<Self> {
         let (stop, stopped) = watch::channel(false);
@@ -160,14 +161,15 @@ fn capture(_: &Origin, _: &Live) -> Result<()> {
 fn serve(
     page: Option<Page>,
     live: &Arc<Live>,
-    outlet: Option<Outlet>,
+    outlet: Option<(Outlet, Option<Fleet>)>,
     mut stopped: watch::Receiver<bool>,
 ) -> Result<thread::JoinHandle<()>> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().max_blocking_threads(WORKERS).build()?;
     let page = page.map(listen).transpose()?;
     let live = Arc::clone(live);
     let served = async move {
-        let publishing = outlet.map(|outlet| tokio::spawn(mqtt::publish(outlet, stopped.clone())));
+        let publishing = outlet
+            .map(|(outlet, fleet)| tokio::spawn(mqtt::publish(outlet, fleet, Arc::clone(&live), stopped.clone())));
         if let Some((listener, guard, school)) = page
             && let Err(error) = web::serve(listener, guard, school, live, stopped.clone()).await
         {

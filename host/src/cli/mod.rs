@@ -3,7 +3,7 @@
 //! - `model_files`: models as files, read and parsed
 //! - `compare`: objects that look alike
 //! - `values`: values of arguments that several commands take
-//! - `train`, `pack`, `inspect`, `assess`, `detect`, `bench`, `camera`, `demo`: the commands
+//! - `train`, `pack`, `inspect`, `assess`, `detect`, `bench`, `camera`, `order`, `demo`: the commands
 
 mod compare;
 mod model_files;
@@ -16,6 +16,8 @@ mod camera;
 mod demo;
 mod detect;
 mod inspect;
+#[cfg(feature = "live")]
+mod order;
 mod pack;
 mod train;
 
@@ -63,6 +65,12 @@ enum Command {
     /// that are held up, and runs until it is told to stop.
     #[cfg(feature = "live")]
     Camera(Box<camera::Arguments>),
+    /// Order models for cameras that follow a broker
+    ///
+    /// Prints one line of JSON, for `mosquitto_pub --retain --stdin-file`: names, addresses, sizes
+    /// and hashes of the models that all cameras are to run.
+    #[cfg(feature = "live")]
+    Order(order::Arguments),
     /// Train on the repository's pictures and find them in its sequence
     Demo(demo::Arguments),
 }
@@ -81,6 +89,8 @@ pub fn run() -> Result<ExitCode> {
         Command::Bench(arguments) => bench::run(&arguments)?,
         #[cfg(feature = "live")]
         Command::Camera(arguments) => camera::run(&arguments)?,
+        #[cfg(feature = "live")]
+        Command::Order(arguments) => order::run(&arguments)?,
         Command::Demo(arguments) => demo::run(&arguments)?,
     }
     Ok(ExitCode::SUCCESS)

@@ -23,6 +23,8 @@ pub struct Broker {
     pub tls: Option<Encryption>,
     /// The names of the topics.
     pub topics: Topics,
+    /// The topic under which models are ordered.
+    pub orders: Option<String>,
     /// Minimum time between two lines.
     pub period: Duration,
 }
@@ -46,7 +48,8 @@ impl Broker {
     pub fn from_arguments(given: &Publishing) -> Result<Option<Self>> {
         let Some(url) = &given.mqtt else { return Ok(None) };
         let Address { is_encrypted, host, port, login, prefix } = Address::parse(url)?;
-        let has_files = given.mqtt_ca.is_some() || given.mqtt_cert.is_some();
+        // Models may come from a server with TLS whatever the broker has.
+        let has_files = given.mqtt_cert.is_some() || given.mqtt_ca.is_some() && given.mqtt_models.is_none();
         ensure!(is_encrypted || !has_files, "certificates are for TLS: give the broker as mqtts://");
         let own = given.mqtt_cert.as_deref().zip(given.mqtt_key.as_deref());
         let tls = is_encrypted.then(|| tls::configuration(given.mqtt_ca.as_deref(), own)).transpose()?;
@@ -56,7 +59,10 @@ impl Broker {
             ensure!(!discovery.is_empty(), "the prefix of Home Assistant is empty: leave it out for homeassistant");
         }
         let period = Duration::from_secs_f64(1.0 / given.mqtt_rate);
-        Ok(Some(Self { host, port, login, tls, topics: Topics::new(prefix, discovery), period }))
+        let topics = Topics::new(prefix, discovery);
+        let orders = given.mqtt_models.clone();
+        orders.as_deref().map(|topic| topics.check_other(topic)).transpose()?;
+        Ok(Some(Self { host, port, login, tls, topics, orders, period }))
     }
 
     /// Host and port, for the log.

@@ -15,6 +15,7 @@ use tokio::time::sleep;
 use super::board::Board;
 use super::broker::{Broker, host_name};
 use super::messages::OFFLINE;
+use super::rollout::Newest;
 use super::tls;
 use super::topics::level;
 
@@ -45,13 +46,15 @@ pub fn client(broker: &Broker) -> (AsyncClient, EventLoop) {
     AsyncClient::builder(options).capacity(QUEUE).build()
 }
 
-/// Keeps the connection up until this program disconnects. `up` says whether it is.
+/// Keeps the connection up until this program disconnects. `up` says whether it is; `newest` gets the
+/// newest order.
 pub async fn keep_connected(
     mut events: EventLoop,
     client: AsyncClient,
     broker: Arc<Broker>,
     board: Arc<Board>,
     up: watch::Sender<bool>,
+    newest: watch::Sender<Newest>,
 ) {
     let [mut pause, most] = PAUSES;
     let mut told = None;
@@ -64,14 +67,21 @@ pub async fn keep_connected(
                 board.start_again();
                 // The queue was emptied when the connection ended.
                 let _ = client.try_subscribe(broker.topics.status(), QoS::AtLeastOnce);
-                for filter in broker.topics.of_all_objects() {
+                for filter in broker.topics.of_all_objects().into_iter().chain(broker.orders.clone()) {
                     let _ = client.try_subscribe(filter, QoS::AtLeastOnce);
                 }
                 is_listening = true;
                 up.send_replace(true);
             }
             Ok(Event::Incoming(Packet::Publish(message))) => {
-                if let Ok(topic) = std::str::from_utf8(&message.topic) {
+                if broker.orders.as_ref().is_some_and(|orders| orders.as_bytes() == &message.topic[..]) {
+                    // Each new connection brings the same one again.
+                    newest.send_if_modified(|order| {
+                        let is_new = order.as_deref() != Some(&message.payload[..]);
+                        *order = Some(message.payload.to_vec());
+                        is_new
+                    });
+                } else if let Ok(topic) = std::str::from_utf8(&message.topic) {
                     board.heard(topic, &message.payload, message.retain);
                 }
             }

@@ -7,6 +7,7 @@ use std::time::{Duration, SystemTime};
 use serde_json::{Value, json};
 
 use super::super::tracker::State;
+use super::order::Order;
 use super::topics::{Topics, id};
 use crate::report::rounded;
 
@@ -55,6 +56,21 @@ pub fn detections(line: &Value, time: &str) -> String {
     let mut line = line.clone();
     line["time"] = json!(time);
     line.to_string()
+}
+
+/// The models that were ordered: the order that is run, the one that is wanted, and why they differ.
+#[must_use]
+pub fn models(running: Option<&Order>, wanted: Option<&str>, error: Option<&str>, time: &str) -> String {
+    let models = running.map_or(&[][..], |order| &order.models);
+    let models: Vec<_> = models.iter().map(|m| json!({"name": m.name, "sha256": m.sha256, "bytes": m.bytes})).collect();
+    json!({
+        "running": running.map(|order| &order.version),
+        "wanted": wanted,
+        "error": error,
+        "models": models,
+        "time": time,
+    })
+    .to_string()
 }
 
 /// The description of an object for Home Assistant: a sensor that is on while the object is in

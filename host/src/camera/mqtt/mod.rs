@@ -7,25 +7,31 @@
 //! | `PREFIX/status` | yes | `online`, or `offline`: the broker also publishes this when the program is gone (last will) |
 //! | `PREFIX/detections` | no | the newest line of a frame with a detection, or of the first frame without one, at a limited rate |
 //! | `PREFIX/objects/NAME` | yes | the state of an object, when it changes |
+//! | `PREFIX/models` | yes | the models that were ordered, if orders are followed |
 //! | `DISCOVERY/binary_sensor/NODE/OBJECT/config` | yes | the description of an object for Home Assistant, if asked for |
 //!
 //! The search does not wait for the broker. The newest state of every object and the newest
 //! line are kept until the broker takes them. A new connection publishes all states again, and
 //! removes states of objects that this program does not have. At the end the state of each
-//! object is `gone`.
+//! object is `gone`. Under a topic of orders, the broker says which models this program runs.
 //!
 //! A file uses only files above it:
 //!
 //! - [`topics`]: names of topics
+//! - [`order`]: what cameras are to run
 //! - [`messages`]: payloads of messages
 //! - [`board`]: what the broker should hold
 //! - [`tls`]: encrypted connections (without the feature `tls`: `no_tls`, which refuses them)
 //! - [`broker`]: the address of the broker
+//! - [`fetch`]: files from a web server
+//! - [`fleet`]: carries out orders
+//! - [`rollout`]: follows the orders of the broker
 //! - [`link`]: the connection
 //!
 //! Memory: the board, and 16 messages. Cost: a line of JSON a frame with a detection.
 
 pub mod topics;
+pub mod order;
 pub mod messages;
 pub mod board;
 #[cfg(feature = "tls")]
@@ -34,6 +40,9 @@ pub mod tls;
 #[path = "no_tls.rs"]
 pub mod tls;
 pub mod broker;
+pub mod fetch;
+pub mod fleet;
+pub mod rollout;
 pub mod link;
 
 use std::collections::BTreeMap;
@@ -46,10 +55,11 @@ use tokio::sync::watch;
 use tokio::task::JoinHandle;
 use tokio::time::{Instant, sleep_until, timeout};
 
-use super::live::Outcome;
+use super::live::{Live, Outcome};
 use super::tracker::State;
 use board::Board;
 use broker::Broker;
+use fleet::Fleet;
 use link::MOST_BYTES;
 
 /// Maximum time at the end of the program for the last messages.
@@ -129,13 +139,19 @@ impl Publisher {
 }
 
 /// Publishes messages until `stopped`, then says that the program ends, and disconnects. Takes
-/// at most `GOODBYE` for that.
-pub async fn publish(outlet: Outlet, mut stopped: watch::Receiver<bool>) {
+/// at most `GOODBYE` for that. With a `fleet`, the orders of the broker are followed meanwhile.
+pub async fn publish(outlet: Outlet, fleet: Option<Fleet>, live: Arc<Live>, mut stopped: watch::Receiver<bool>) {
     let Outlet { broker, board } = outlet;
     let (client, events) = link::client(&broker);
     let (up, is_up) = watch::channel(false);
-    let mut connection =
-        tokio::spawn(link::keep_connected(events, client.clone(), Arc::clone(&broker), Arc::clone(&board), up));
+    let (newest, orders) = watch::channel(None);
+    if let Some(fleet) = fleet {
+        // It ends with the connection.
+        let topics = broker.topics.clone();
+        tokio::spawn(rollout::follow(Arc::new(fleet), live, Arc::clone(&board), topics, orders));
+    }
+    let connected = link::keep_connected(events, client.clone(), Arc::clone(&broker), Arc::clone(&board), up, newest);
+    let mut connection = tokio::spawn(connected);
     tokio::select! {
         ended = deliver(&client, &broker, &board, is_up.clone()) => drop(ended),
         _ = stopped.wait_for(|&s| s) => {}
@@ -203,7 +219,8 @@ mod tests {
     fn publisher(discovery: Option<&str>) -> Publisher {
         let topics = topics::Topics::new("test".into(), discovery.map(str::to_string));
         let (host, period) = (String::new(), Duration::ZERO);
-        let (publisher, outlet) = channel(Broker { host, port: 0, login: None, tls: None, topics, period });
+        let (publisher, outlet) =
+            channel(Broker { host, port: 0, login: None, tls: None, topics, orders: None, period });
         assert_eq!(outlet.board.next(), Some(("test/status".into(), "online".into())));
         publisher
     }

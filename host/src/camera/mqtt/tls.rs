@@ -1,7 +1,7 @@
 //! Encrypted connections: certificates and keys from files, and what is wrong with them.
 //!
 //! In: files in PEM. Out: a configuration of rustls for TLS 1.2 and 1.3, and advice for its
-//! errors. Certificates of brokers are always checked.
+//! errors. Certificates of brokers and of web servers are always checked.
 //!
 //! Memory: the authorities, some 100 kB. Cost: a handshake a connection.
 
@@ -14,6 +14,9 @@ use rumqttc::{ConnectionError, MqttOptions, TlsConfiguration, TlsError, Transpor
 use rustls::pki_types::pem::PemObject;
 use rustls::pki_types::{CertificateDer, PrivateKeyDer};
 use rustls::{AlertDescription, CertificateError, ClientConfig, Error, RootCertStore, crypto::ring};
+use ureq::config::ConfigBuilder;
+use ureq::tls::{Certificate, RootCerts, TlsConfig, TlsProvider};
+use ureq::typestate::AgentScope;
 
 /// How to encrypt connections.
 #[derive(Clone, Debug)]
@@ -40,7 +43,7 @@ pub fn configuration(ca: Option<&Path>, own: Option<(&Path, &Path)>) -> Result<E
             }
         }
         None => {
-            roots.add_parsable_certificates(rustls_native_certs::load_native_certs().certs);
+            roots.add_parsable_certificates(of_the_system());
             ensure!(
                 !roots.is_empty(),
                 "this system has no certificate authorities: install ca-certificates, or give --mqtt-ca FILE"
@@ -58,6 +61,25 @@ pub fn configuration(ca: Option<&Path>, own: Option<(&Path, &Path)>) -> Result<E
         .with_client_auth_cert(chain, secret)
         .with_context(|| format!("the key {} does not go with {}", key.display(), certificate.display()))?;
     Ok(Encryption(Arc::new(configuration)))
+}
+
+/// Makes a web client trust the authorities in the file `ca`, by default those of the system.
+///
+/// # Errors
+/// When the file cannot be read, or has no certificate.
+pub fn trust(client: ConfigBuilder<AgentScope>, ca: Option<&Path>) -> Result<ConfigBuilder<AgentScope>> {
+    let trusted = ca.map_or_else(|| Ok(of_the_system()), certificates)?;
+    let trusted: Vec<_> = trusted.iter().map(|c| Certificate::from_der(c).to_owned()).collect();
+    let tls = TlsConfig::builder()
+        .provider(TlsProvider::Rustls)
+        .unversioned_rustls_crypto_provider(Arc::new(ring::default_provider()))
+        .root_certs(RootCerts::new_with_certs(&trusted));
+    Ok(client.tls_config(tls.build()))
+}
+
+/// The certificates of the system's authorities.
+fn of_the_system() -> Vec<CertificateDer<'static>> {
+    rustls_native_certs::load_native_certs().certs
 }
 
 /// The certificates in a file.

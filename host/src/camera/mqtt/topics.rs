@@ -89,6 +89,24 @@ impl Topics {
         format!("{}/detections", self.prefix)
     }
 
+    /// The models that this program runs.
+    #[must_use]
+    pub fn models(&self) -> String {
+        format!("{}/models", self.prefix)
+    }
+
+    /// Checks that this program publishes nothing under `topic`.
+    ///
+    /// # Errors
+    /// When it does, or a topic cannot be so.
+    pub fn check_other(&self, topic: &str) -> Result<()> {
+        check_prefix(topic)?;
+        let own = [self.status(), self.detections(), self.models()];
+        let is_own = own.iter().any(|t| t == topic) || topic.starts_with(&format!("{}/objects/", self.prefix));
+        ensure!(!topic.is_empty() && !is_own, "orders need a topic of their own: {topic} is one of this program");
+        Ok(())
+    }
+
     /// The state of an object.
     #[must_use]
     pub fn object(&self, name: &str) -> String {
@@ -144,5 +162,16 @@ mod tests {
             assert!(error.contains(word), "{prefix:?}: {error}");
         }
         check_prefix("plant/Tür 3").expect("is taken");
+    }
+
+    #[test]
+    fn orders_have_a_topic_of_their_own() {
+        let topics = Topics::new("plant/door".into(), None);
+        for topic in ["plant/models", "plant/door/order", "plant/door/models/1"] {
+            topics.check_other(topic).expect(topic);
+        }
+        for topic in ["", "plant/#", "plant/door/models", "plant/door/status", "plant/door/objects/a"] {
+            assert!(topics.check_other(topic).is_err(), "{topic}");
+        }
     }
 }
