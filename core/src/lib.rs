@@ -67,6 +67,28 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
+//! # Where detectors lie
+//!
+//! A new detector, trainer or tracker has no byte that is not zero; a test has the linker show it
+//! (`boards/zero`). So a static costs no flash, and memory that was filled with zeros holds a new one.
+//! They are large: how they get to their place decides how much stack that takes.
+//!
+//! | idiom | stack |
+//! | --- | --- |
+//! | `static D: ConstStaticCell<QvgaDetector> = ConstStaticCell::new(QvgaDetector::new());` (crate `static_cell`), or a mutex around it | none |
+//! | the same with `#[unsafe(link_section = ".sdram")]`: in RAM beside the chip, which the start-up code must make ready and fill with zeros | none |
+//! | `StaticCell::init_with(QvgaDetector::new)`, `Box::new(QvgaDetector::new())`: built on the stack, then copied | up to twice the detector |
+//!
+//! The C library has functions that make a detector in memory of the caller, which zeros it in place.
+//!
+//! [`Detector::begin`] reads a frame into planes of its own: the caller's buffer is free for the next one
+//! while [`Ongoing::step`] searches. One raw buffer is enough.
+//!
+//! A DMA that wants words fills a buffer of `[u32; N]`; its bytes are read as they lie in memory, by
+//! `zerocopy::IntoBytes::as_bytes` or `bytemuck::cast_slice`, without `unsafe`.
+//!
+//! # Speed
+//!
 //! The feature `dispatch` needs std. It compiles some loops for AVX2 too, and uses that code when
 //! the processor has AVX2. Detection is then a tenth faster, with the same results.
 //!

@@ -360,8 +360,9 @@ comes in pieces, they must fit the largest piece: 512 KB of AXI SRAM on the STM3
 512 KB of OCRAM on the RT1062. The other half of the RAM is five pieces on the STM32H743 and H747,
 and tightly coupled memory on the RT1062. The STM32F405 has pieces of 128 and 64 KB: the detector
 lies in the first, frame and stack lie in the second. RAM beside the chip holds larger profiles,
-but is several times slower. A second frame buffer and the application must fit the remaining
-RAM. The preset is the largest that fits the flash beside the code. If there is flash on the chip
+but is several times slower. The application must fit the remaining RAM; a second frame buffer is not needed,
+since the next frame arrives while the search goes on ([firmwares for three of these boards](../boards/README.md)).
+The preset is the largest that fits the flash beside the code. If there is flash on the chip
 and beside it, the larger counts; the model is read in place. One model may hold many objects.
 
 Frames per second are for searching every frame, with the largest profile that fits the RAM on

@@ -119,6 +119,17 @@ fn appended_bytes() {
     }
     let twice = [&MODEL[..], &MODEL[..]].concat();
     assert!(matches!(Model::parse(&twice), Err(ModelError::TrailingBytes { .. })));
+    // A partition holds one model after the other, and then what erased flash has.
+    let partition = [&twice[..], &[0xff; 999]].concat();
+    let mut rest = &partition[..];
+    for _ in 0..2 {
+        let (model, after) = rest.split_at(Model::length(rest).expect("a model begins here"));
+        assert!(Model::parse(model).is_ok());
+        rest = after;
+    }
+    assert_eq!((rest.len(), Model::length(rest)), (999, Err(ModelError::NotAModel)));
+    let cut = MODEL.len() - 1;
+    assert_eq!(Model::length(&MODEL[..cut]), Err(ModelError::Truncated { expected: MODEL.len(), given: cut }));
 }
 
 #[test]

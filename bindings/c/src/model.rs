@@ -5,7 +5,7 @@
 
 use core::ffi::c_char;
 
-use keygraph_core::{FeatureKind, Method, Model, ModelError, NAME_BYTES};
+use keygraph_core::{FeatureKind, Method, Model, NAME_BYTES};
 
 use crate::boundary::{Outcome, bytes, check, put, shared, told};
 use crate::status::kg_status;
@@ -118,14 +118,8 @@ pub unsafe extern "C" fn kg_model_bytes(data: *const u8, available: usize, lengt
     let measure = || {
         // SAFETY: the caller vouches for the bytes.
         let data = unsafe { bytes(data, available) }?;
-        let n = match Model::parse(data) {
-            Err(ModelError::TrailingBytes { expected, .. }) => expected,
-            // The rest of the check is for `kg_model_open`.
-            Ok(_) | Err(ModelError::Checksum { .. } | ModelError::Inconsistent { .. }) => available,
-            Err(e) => return Err(e.into()),
-        };
         // SAFETY: the pointer is the caller's to give.
-        unsafe { put(length, n) }?;
+        unsafe { put(length, Model::length(data)?) }?;
         Ok(kg_status::KG_OK)
     };
     told(measure())

@@ -218,11 +218,21 @@ pub struct Model<'a> {
 }
 
 impl<'a> Model<'a> {
-    /// Checks that `bytes` are exactly one model, and borrows them.
+    /// Returns the length in bytes of the model that `bytes` begin with, as its header tells it. A flash
+    /// partition has other bytes behind its model:
+    ///
+    /// ```
+    /// # fn open(partition: &[u8]) -> Result<keygraph_core::Model<'_>, keygraph_core::ModelError> {
+    /// use keygraph_core::Model;
+    /// let model = Model::parse(&partition[..Model::length(partition)?])?;
+    /// # Ok(model)
+    /// # }
+    /// # assert_eq!(open(&[0xff; 4096]).unwrap_err(), keygraph_core::ModelError::NotAModel);
+    /// ```
     ///
     /// # Errors
-    /// [`ModelError`], which says what is wrong and what to do about it.
-    pub fn parse(bytes: &'a [u8]) -> Result<Self, ModelError> {
+    /// [`ModelError`] when no model begins here, its version is another one, or `bytes` end before it does.
+    pub fn length(bytes: &[u8]) -> Result<usize, ModelError> {
         let given = bytes.len();
         if given < 4 || bytes[..4] != MAGIC {
             return Err(ModelError::NotAModel);
@@ -236,9 +246,15 @@ impl<'a> Model<'a> {
             _ => {}
         }
         let expected = header::MODEL_LENGTH.size(bytes);
-        if expected > given {
-            return Err(ModelError::Truncated { expected, given });
-        }
+        if expected > given { Err(ModelError::Truncated { expected, given }) } else { Ok(expected) }
+    }
+
+    /// Checks that `bytes` are exactly one model, and borrows them.
+    ///
+    /// # Errors
+    /// [`ModelError`], which says what is wrong and what to do about it.
+    pub fn parse(bytes: &'a [u8]) -> Result<Self, ModelError> {
+        let (expected, given) = (Self::length(bytes)?, bytes.len());
         if expected < given {
             return Err(ModelError::TrailingBytes { expected, given });
         }

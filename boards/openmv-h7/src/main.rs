@@ -1,0 +1,181 @@
+//! Keygraph on the OpenMV Cam H7: its OV7725 over DCMI and DMA into one buffer, results over the serial
+//! port, as two tasks of RTIC.
+//!
+//! In: frames of 320x240 px, YUYV. Out: a line per detection. Memory: the detector and the frame in AXI
+//! SRAM, the stack in DTCM. Cost: the search; the next frame arrives meanwhile.
+#![no_std]
+#![no_main]
+
+use core::fmt::{self, Write};
+
+use embassy_stm32::dcmi::{self, Dcmi, HSyncDataInvalidLevel, VSyncDataInvalidLevel};
+use embassy_stm32::usart::UartTx;
+use embassy_stm32::{Config, bind_interrupts, dma, mode, peripherals, rcc};
+use keygraph_boards::sensor::{HEIGHT, WIDTH};
+
+bind_interrupts!(struct Interrupts {
+    DCMI => dcmi::InterruptHandler<peripherals::DCMI>;
+    DMA2_STREAM1 => dma::InterruptHandler<peripherals::DMA2_CH1>;
+});
+
+/// The raw frame: whole lines of the data cache.
+#[repr(C, align(32))]
+pub struct Buffer([u32; WIDTH * HEIGHT / 2]);
+
+/// 400 MHz from the internal oscillator of 64 MHz.
+fn clocks() -> Config {
+    use rcc::{AHBPrescaler, APBPrescaler, HSIPrescaler, Pll, PllDiv, PllMul, PllPreDiv, PllSource, Sysclk};
+    let mut config = Config::default();
+    config.rcc.hsi = Some(HSIPrescaler::DIV1);
+    config.rcc.pll1 = Some(Pll {
+        source: PllSource::HSI,
+        prediv: PllPreDiv::DIV4,
+        mul: PllMul::MUL50,
+        fracn: None,
+        divp: Some(PllDiv::DIV2),
+        divq: Some(PllDiv::DIV8),
+        divr: None,
+    });
+    config.rcc.sys = Sysclk::PLL1_P;
+    config.rcc.ahb_pre = AHBPrescaler::DIV2;
+    (config.rcc.apb1_pre, config.rcc.apb2_pre) = (APBPrescaler::DIV2, APBPrescaler::DIV2);
+    (config.rcc.apb3_pre, config.rcc.apb4_pre) = (APBPrescaler::DIV2, APBPrescaler::DIV2);
+    config.rcc.voltage_scale = rcc::VoltageScale::Scale1;
+    config
+}
+
+/// A serial port that takes text.
+pub struct Port(UartTx<'static, mode::Blocking>);
+
+impl Write for Port {
+    fn write_str(&mut self, text: &str) -> fmt::Result {
+        self.0.blocking_write(text.as_bytes()).map_err(|_| fmt::Error)
+    }
+}
+
+/// The camera: its pins, and the clock that it is given.
+pub type Camera = Dcmi<'static, peripherals::DCMI>;
+
+/// Levels of the camera's lines while nothing is valid.
+fn levels() -> dcmi::Config {
+    let mut settings = dcmi::Config::default();
+    settings.vsync_level = VSyncDataInvalidLevel::High;
+    settings.hsync_level = HSyncDataInvalidLevel::Low;
+    settings
+}
+
+#[rtic::app(device = embassy_stm32::pac, peripherals = false, dispatchers = [UART7])]
+mod app {
+    use core::fmt::Write;
+
+    use cortex_m::peripheral::{DWT, SCB};
+    use embassy_futures::join::join;
+    use embassy_stm32::gpio::{Level, Output, OutputType, Speed};
+    use embassy_stm32::i2c::{self, I2c};
+    use embassy_stm32::time::{khz, mhz};
+    use embassy_stm32::timer::low_level::CountingMode;
+    use embassy_stm32::timer::simple_pwm::{PwmPin, SimplePwm};
+    use embassy_stm32::usart::{self, UartTx};
+    use keygraph_boards::MODEL;
+    use keygraph_boards::search::{begin, finish, report};
+    use keygraph_boards::sensor::{HEIGHT, Ov7725, Sensor, WIDTH};
+    use keygraph_core::{Frame, Model, QvgaDetector};
+    use static_cell::ConstStaticCell;
+    use zerocopy::IntoBytes;
+
+    use super::{Buffer, Camera, Interrupts, Port, clocks, levels};
+    use embassy_stm32::dcmi::Dcmi;
+
+    // All bytes of both are zero: they lie in .bss, and never on the stack.
+    static DETECTOR: ConstStaticCell<QvgaDetector> = ConstStaticCell::new(QvgaDetector::new());
+    static BUFFER: ConstStaticCell<Buffer> = ConstStaticCell::new(Buffer([0; WIDTH * HEIGHT / 2]));
+
+    #[shared]
+    struct Shared {}
+
+    #[local]
+    struct Local {
+        camera: Camera,
+        cache: SCB,
+        port: Port,
+    }
+
+    #[init]
+    fn init(context: init::Context) -> (Shared, Local) {
+        let p = embassy_stm32::init(clocks());
+        let mut core = context.core;
+        core.SCB.enable_icache();
+        core.SCB.enable_dcache(&mut core.CPUID);
+        core.DCB.enable_trace();
+        core.DWT.enable_cycle_counter();
+
+        let port = UartTx::new_blocking(p.USART3, p.PB10, usart::Config::default()).expect("the rate is usual");
+        let mut port = Port(port);
+        // The camera wakes up when its power-down line is low and its reset line high.
+        let awake = [Output::new(p.PD7, Level::Low, Speed::Low), Output::new(p.PA10, Level::High, Speed::Low)];
+        // Both stay so.
+        core::mem::forget(awake);
+        let pin = PwmPin::new(p.PA8, OutputType::PushPull);
+        let mut pwm = SimplePwm::new(p.TIM1, Some(pin), None, None, None, mhz(12), CountingMode::EdgeAlignedUp);
+        pwm.ch1().set_duty_cycle_fraction(1, 2);
+        pwm.ch1().enable();
+        // It goes on for ever.
+        core::mem::forget(pwm);
+
+        let mut settings = i2c::Config::default();
+        settings.frequency = khz(100);
+        let mut bus = I2c::new_blocking(p.I2C1, p.PB8, p.PB9, settings);
+        match Ov7725::start(&mut bus) {
+            Ok(()) => look::spawn().expect("it runs once"),
+            // Nobody listens if this fails.
+            Err(error) => drop(writeln!(port, "error: {error}\r")),
+        }
+        let camera = Dcmi::new_8bit(
+            p.DCMI,
+            p.DMA2_CH1,
+            Interrupts,
+            p.PC6,
+            p.PC7,
+            p.PE0,
+            p.PE1,
+            p.PE4,
+            p.PB6,
+            p.PE5,
+            p.PE6,
+            p.PB7,
+            p.PA4,
+            p.PA6,
+            levels(),
+        );
+        (Shared {}, Local { camera, cache: core.SCB, port })
+    }
+
+    /// Searches every frame.
+    #[task(local = [camera, cache, port], priority = 1)]
+    async fn look(context: look::Context) {
+        let look::LocalResources { camera, cache, port, .. } = context.local;
+        let mut clock = || u64::from(DWT::cycle_count());
+        let Ok(model) = Model::parse(MODEL) else {
+            let _ = writeln!(port, "error: the model is damaged: build it in again\r");
+            return;
+        };
+        let (detector, Buffer(buffer)) = (DETECTOR.take(), BUFFER.take());
+        let mut arrived = camera.capture(buffer).await;
+        for number in 0_u32.. {
+            if arrived.is_err() {
+                // The next frame is a new chance.
+                let _ = writeln!(port, "{number} lost\r");
+                arrived = camera.capture(buffer).await;
+                continue;
+            }
+            // SAFETY: the buffer fills whole lines of the cache, and nothing has been written to it since the DMA
+            // began: no line holds what memory does not.
+            unsafe { cache.invalidate_dcache_by_slice(buffer) };
+            let frame = Frame::new(Ov7725::FORMAT, WIDTH, HEIGHT, buffer.as_bytes()).expect("the mode is a constant");
+            let mut search = begin(detector, &model, &frame, &mut clock).expect("the frame fits the profile");
+            // The frame has been read: the next one arrives in its buffer.
+            (arrived, _) = join(camera.capture(buffer), finish(&mut search, &mut clock)).await;
+            let _ = report(port, number, &model, &search);
+        }
+    }
+}
