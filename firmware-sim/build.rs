@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use std::{env, fs};
 
 fn main() {
-    let board = ["stm32f405", "stm32h743", "stm32n657"];
+    let board = ["stm32f405", "stm32h743", "stm32n657", "m55"];
     let chosen: Vec<&str> =
         board.into_iter().filter(|b| env::var(format!("CARGO_FEATURE_{}", b.to_uppercase())).is_ok()).collect();
     println!("cargo:rerun-if-changed=memory");
@@ -14,7 +14,7 @@ fn main() {
         return;
     }
     let [board] = chosen[..] else {
-        panic!("choose one board: --features stm32f405, stm32h743 or stm32n657");
+        panic!("choose one board: --features stm32f405, stm32h743, stm32n657 or m55");
     };
     let out = PathBuf::from(env::var("OUT_DIR").expect("cargo sets OUT_DIR"));
     fs::copy(format!("memory/{board}.x"), out.join("memory.x")).expect("memory/ holds a file for each board");

@@ -89,6 +89,9 @@
 //!
 //! # Speed
 //!
+//! The feature `vectors` computes whole rows side by side on a Cortex-M55, whose vectors Rust does not
+//! tell; it goes with `-C target-cpu=cortex-m55` and `opt-level = 3`. The results are the same.
+//!
 //! The feature `dispatch` needs std. It compiles some loops for AVX2 too, and uses that code when
 //! the processor has AVX2. Detection is then a tenth faster, with the same results.
 //!

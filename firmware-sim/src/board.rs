@@ -25,34 +25,65 @@ use crate::wire::{FRAMES, FrameHeader, Job, RESULTS};
 /// Exit status after a panic or a fault.
 const FAILED: i32 = 101;
 
-/// Registers of CMSDK timer 0: control, value (counts down), reload.
-const TIMER: *mut u32 = 0x4000_0000 as *mut u32;
+/// A timer that counts down: the registers of its control, of its value and of its start, what starts it, its
+/// greatest value, and its ticks a microsecond.
+struct Timer {
+    control: *mut u32,
+    value: *mut u32,
+    reload: *mut u32,
+    start: u32,
+    most: u32,
+    mhz: u64,
+}
+
+/// CMSDK timer 0 of the boards of ARMv7-M.
+#[cfg(not(feature = "m55"))]
+const TIMER: Timer = Timer {
+    control: 0x4000_0000 as *mut u32,
+    value: 0x4000_0004 as *mut u32,
+    reload: 0x4000_0008 as *mut u32,
+    start: 1,
+    most: u32::MAX,
+    mhz: 25,
+};
+
+/// The processor's own timer, on the board of the Cortex-M55.
+#[cfg(feature = "m55")]
+const TIMER: Timer = Timer {
+    control: 0xe000_e010 as *mut u32,
+    value: 0xe000_e018 as *mut u32,
+    reload: 0xe000_e014 as *mut u32,
+    start: 0b101,
+    most: 0xff_ffff,
+    mhz: 32,
+};
 
 /// Registers of CMSDK serial port 0: data, state, control, interrupts, divisor.
-const UART: *mut u32 = 0x4000_4000 as *mut u32;
+const UART: *mut u32 = if cfg!(feature = "m55") { 0x5930_3000 } else { 0x4000_4000 } as *mut u32;
 
 /// Starts the clock.
 pub fn start_clock() {
     // SAFETY: these are the timer's registers, and nothing else accesses them.
     unsafe {
-        write_volatile(TIMER.add(2), u32::MAX);
-        write_volatile(TIMER.add(1), u32::MAX);
-        write_volatile(TIMER, 1);
+        write_volatile(TIMER.reload, TIMER.most);
+        write_volatile(TIMER.value, TIMER.most);
+        write_volatile(TIMER.control, TIMER.start);
     }
 }
 
 /// Returns the ticks since the start of the clock, 25 million per second. It must be called at
-/// least once in 171 s: after that time the hardware timer starts again from zero.
+/// least once in 171 s (Cortex-M55: 0.5 s): after that time the hardware timer starts again from zero.
 #[must_use]
 pub fn ticks() -> u64 {
     static LAST: AtomicU32 = AtomicU32::new(0);
     static ROUNDS: AtomicU32 = AtomicU32::new(0);
     // SAFETY: reading the value of the timer has no effect.
-    let now = u32::MAX - unsafe { read_volatile(TIMER.add(1)) };
+    let now = TIMER.most - unsafe { read_volatile(TIMER.value) };
     if now < LAST.swap(now, Ordering::Relaxed) {
         ROUNDS.fetch_add(1, Ordering::Relaxed);
     }
-    u64::from(ROUNDS.load(Ordering::Relaxed)) << 32 | u64::from(now)
+    let all = u64::from(ROUNDS.load(Ordering::Relaxed)) * (u64::from(TIMER.most) + 1) + u64::from(now);
+    if TIMER.mhz == 25 { all } else { 25 * all / TIMER.mhz }
 }
 
 unsafe extern "C" {

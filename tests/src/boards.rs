@@ -368,7 +368,7 @@ and beside it, the larger counts; the model is read in place. One model may hold
 Frames per second are for searching every frame, with the largest profile that fits the RAM on
 the chip, at one instruction per cycle. The true ratio depends on the processor, on the compiler
 and on the speed of the flash. The figure of the Cortex-M55 is for the code of the M7, which it
-runs without its vectors. The cameras of the Vision Shield have no colour: train with `--luma`
+runs without its vectors; with them a frame takes a fifth fewer instructions. The cameras of the Vision Shield have no colour: train with `--luma`
 for them.
 
 | board | processor | RAM on the chip, of it for the profile | RAM beside it | flash on the chip | flash beside it | profile | with the RAM beside | preset | frames a second | source |

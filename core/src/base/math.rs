@@ -15,6 +15,10 @@ use micromath::F32Ext;
 pub(crate) const VECTORS: bool =
     cfg!(any(target_feature = "sse2", target_feature = "neon", target_feature = "simd128"));
 
+/// Whether whole rows are worth computing side by side. The vectors of a Cortex-M55 are slow to fill
+/// and to empty: they gain on whole rows alone.
+pub(crate) const ROWS: bool = VECTORS || cfg!(feature = "vectors");
+
 /// Returns the greater of two numbers. Neither may be NaN.
 pub(crate) fn max(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }

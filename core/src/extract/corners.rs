@@ -22,7 +22,7 @@ use heapless::VecView;
 
 use crate::base::capacity::{StageStats, count};
 use crate::base::geometry::Point;
-use crate::base::math::{VECTORS, max};
+use crate::base::math::{ROWS, max};
 use crate::base::pace::Pace;
 use crate::base::sort::sort_by_key;
 use crate::extract::strength::{OneByOne, Pass, SideBySide, mirror};
@@ -75,7 +75,7 @@ pub fn detect_corners(
     out: &mut VecView<Corner>,
     pace: &mut dyn Pace,
 ) -> StageStats {
-    if VECTORS {
+    if ROWS {
         detect_by::<SideBySide>(luma, params, scratch, out, pace)
     } else {
         detect_by::<OneByOne>(luma, params, scratch, out, pace)

@@ -22,7 +22,7 @@
 
 use crate::base::capacity::{FEATURE_BYTES, LEVELS};
 use crate::base::geometry::Point;
-use crate::base::math::{self, VECTORS};
+use crate::base::math::{self, ROWS};
 use crate::image::pixels::NO_CHROMA;
 use crate::image::plane::nearest;
 use crate::image::pyramid::PyramidView;
@@ -230,7 +230,7 @@ impl Patch {
     /// Returns the brightness at the sample points. A point outside the plane gives the brightness
     /// at the edge when `clamped` is set, and NaN otherwise.
     fn luma(&self, view: &PyramidView<'_>, clamped: bool) -> [f32; LUMA_POINTS.len()] {
-        if !VECTORS && !clamped {
+        if !ROWS && !clamped {
             return self.luma_one_by_one(view);
         }
         let plane = view.luma(self.level);

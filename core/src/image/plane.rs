@@ -6,7 +6,7 @@
 //!
 //! Memory: 128 bytes of stack. Cost: some 20 operations a sample.
 
-use crate::base::math::{self, VECTORS};
+use crate::base::math::{self, ROWS};
 
 /// A borrowed plane of pixels, or a window of one.
 #[derive(Clone, Copy, Debug)]
@@ -91,7 +91,7 @@ impl Plane<'_, u8> {
     /// pixels replaces each `x`. It is NaN where the place does not lie between four pixels. The
     /// values of `y` are overwritten.
     pub(crate) fn sample(&self, x: &mut [f32], y: &mut [f32]) {
-        if VECTORS { self.sample_by_strips(x, y) } else { self.sample_one_by_one(x, y) }
+        if ROWS { self.sample_by_strips(x, y) } else { self.sample_one_by_one(x, y) }
     }
 
     fn sample_by_strips(&self, x: &mut [f32], y: &mut [f32]) {

@@ -15,9 +15,6 @@ use object::{Object, ObjectSection, ObjectSymbol};
 /// Maximum size of the stack, bytes.
 pub const STACK_LIMIT: u32 = 8 << 10;
 
-/// Rust target of all boards.
-pub const TARGET: &str = "thumbv7em-none-eabihf";
-
 /// A processor, together with the board whose memory is modelled around it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Machine {
@@ -27,6 +24,8 @@ pub enum Machine {
     M7,
     /// Cortex-M7 with the memory of an STM32N657, whose M55 runs the same code: 4 MB of RAM
     N6,
+    /// Cortex-M55 with its vectors (MVE), with as much RAM: the code is compiled for it
+    M55,
 }
 
 impl Machine {
@@ -37,6 +36,7 @@ impl Machine {
             Self::M4 => "m4",
             Self::M7 => "m7",
             Self::N6 => "n6",
+            Self::M55 => "m55",
         }
     }
 
@@ -46,6 +46,7 @@ impl Machine {
         match self {
             Self::M4 => "mps2-an386",
             Self::M7 | Self::N6 => "mps2-an500",
+            Self::M55 => "mps3-an547",
         }
     }
 
@@ -56,6 +57,24 @@ impl Machine {
             Self::M4 => "stm32f405",
             Self::M7 => "stm32h743",
             Self::N6 => "stm32n657",
+            Self::M55 => "m55",
+        }
+    }
+
+    /// Returns the Rust target of the processor.
+    #[must_use]
+    pub const fn target(self) -> &'static str {
+        match self {
+            Self::M55 => "thumbv8m.main-none-eabihf",
+            _ => "thumbv7em-none-eabihf",
+        }
+    }
+
+    /// Returns the compiler's flags for the processor.
+    const fn flags(self) -> &'static [&'static str] {
+        match self {
+            Self::M55 => &["-Ctarget-cpu=cortex-m55"],
+            _ => &[],
         }
     }
 }
@@ -101,10 +120,12 @@ pub enum Program {
 impl Program {
     /// Returns the maximum size of code and constants without a model, bytes.
     #[must_use]
-    pub const fn code_limit(self) -> u64 {
-        match self {
+    pub const fn code_limit(self, machine: Machine) -> u64 {
+        match (self, machine) {
+            // Loops for several numbers at once take more code, and such processors have the room.
+            (_, Machine::M55) => 256 << 10,
             // This program holds the trainer too.
-            Self::Learn => 112 << 10,
+            (Self::Learn, _) => 112 << 10,
             _ => 96 << 10,
         }
     }
@@ -159,18 +180,24 @@ fn short_paths() -> Result<Vec<String>> {
 /// Fails if cargo fails. A firmware that does not fit the board does not link.
 pub fn build(program: Program, machine: Machine, frames: Frames, log: &str, model: Option<&Path>) -> Result<PathBuf> {
     // Each level has its own folder, because another level rebuilds everything.
-    let target = targets()?.join(format!("board-{log}"));
+    let folder = targets()?.join(format!("board-{log}"));
+    let target = machine.target();
+    let flags: Vec<_> = short_paths()?.into_iter().chain(machine.flags().iter().map(ToString::to_string)).collect();
     let (kind, name, place) = program.selection();
     let mut cargo = Command::new(env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
+    if machine == Machine::M55 {
+        // What is built for size has no vectors, whatever its crates are built for.
+        cargo.args(["--config", "profile.release.opt-level=3"]);
+    }
     cargo
         .arg("--config")
-        .arg(format!("target.{TARGET}.rustflags={:?}", short_paths()?))
-        .args(["build", "--quiet", "--release", "--locked", "--target", TARGET, kind, name, "--manifest-path"])
+        .arg(format!("build.rustflags={flags:?}"))
+        .args(["build", "--quiet", "--release", "--locked", "--target", target, kind, name, "--manifest-path"])
         .arg(root()?.join("firmware-sim/Cargo.toml"))
         .args(["-p", "keygraph-firmware-sim", "--features"])
         .arg(format!("{},{}{}", machine.modelled(), frames.name(), if model.is_some() { ",sample" } else { "" }))
         .arg("--target-dir")
-        .arg(&target)
+        .arg(&folder)
         .env("DEFMT_LOG", log)
         .stdout(Stdio::null());
     if let Some(model) = model {
@@ -183,7 +210,7 @@ pub fn build(program: Program, machine: Machine, frames: Frames, log: &str, mode
         machine.modelled(),
         frames.name()
     );
-    Ok(target.join(TARGET).join("release").join(place))
+    Ok(folder.join(target).join("release").join(place))
 }
 
 /// Contents of an ELF file.
@@ -226,8 +253,8 @@ impl Contents {
     ///
     /// # Errors
     /// Fails if they exceed it. The message gives both figures.
-    pub fn check_code(&self, program: Program) -> Result<()> {
-        let (code, limit) = (self.code(), program.code_limit());
+    pub fn check_code(&self, program: Program, machine: Machine) -> Result<()> {
+        let (code, limit) = (self.code(), program.code_limit(machine));
         ensure!(code <= limit, "code and constants take {code} bytes; at most {limit} are allowed");
         Ok(())
     }

@@ -181,7 +181,7 @@ fn searched(cli: &Cli, inputs: &[PathBuf]) -> Result<(bool, Option<Run>)> {
     let elf = build(program, machine, cli.profile, log, linked.as_ref().map(|(path, _)| path.as_path()))?;
     let contents = Contents::read(&elf)?;
     if log == "warn" {
-        contents.check_code(program)?;
+        contents.check_code(program, machine)?;
     }
     let mut show = |line: &str| eprintln!("board: {line}");
     if cli.ends.is_some() {

@@ -72,7 +72,7 @@ impl Run {
         for (name, bytes) in &self.contents.sections {
             row(name, *bytes);
         }
-        row(&format!("code and constants (limit {})", program.code_limit()), self.contents.code());
+        row(&format!("code and constants (limit {})", program.code_limit(machine)), self.contents.code());
         let room = self.contents.stack_room;
         row(&format!("stack, most used (limit {STACK_LIMIT}, room {room})"), u64::from(self.stack()));
         row("detector, within .bss", u64::from(self.detector.0));

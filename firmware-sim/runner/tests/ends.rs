@@ -6,19 +6,20 @@
 use std::env;
 use std::process::{Command, Output};
 
-use keygraph_board::board::TARGET;
+use keygraph_board::board::Machine;
 use keygraph_board::sample;
 
 /// Runs the program behind `scripts/board`. Returns `None` if the emulator or the target is missing.
 fn board(arguments: &[&str]) -> Option<Output> {
     let output = |program: &str, argument: &str| Command::new(program).arg(argument).output();
+    let target = Machine::M7.target();
     let emulator = output("qemu-system-arm", "--version").is_ok();
-    let target = output("rustc", "--print=sysroot").is_ok_and(|o| {
+    let has_target = output("rustc", "--print=sysroot").is_ok_and(|o| {
         let sysroot = String::from_utf8_lossy(&o.stdout).trim().to_string();
-        std::path::Path::new(&sysroot).join("lib/rustlib").join(TARGET).is_dir()
+        std::path::Path::new(&sysroot).join("lib/rustlib").join(target).is_dir()
     });
-    if !emulator || !target {
-        let missing = if emulator { TARGET } else { "qemu-system-arm" };
+    if !emulator || !has_target {
+        let missing = if emulator { target } else { "qemu-system-arm" };
         assert!(env::var_os("KEYGRAPH_MUST_NOT_SKIP").is_none(), "{missing} is missing, and nothing may be skipped");
         eprintln!("SKIPPED: {missing} is missing; scripts/board installs it");
         return None;
