@@ -213,3 +213,7 @@ pub mod stages {
         pub use crate::follow::instance::{FADE, STAY, SURE};
     }
 }
+
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

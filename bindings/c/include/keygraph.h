@@ -35,7 +35,7 @@
 #endif
 
 /* Declares memory for an object: KG_MEMORY(memory, KG_QVGA_DETECTOR_BYTES); */
-#define KG_MEMORY(name, bytes) static KG_ALIGNAS(8) unsigned char name[bytes]
+#define KG_MEMORY(name, bytes) KG_ALIGNAS(8) static unsigned char name[bytes]
 
 /**
  * Alignment of the memory that is given for an object, bytes.

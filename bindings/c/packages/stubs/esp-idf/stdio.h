@@ -1,0 +1,3 @@
+/* A stand-in for the header of a libc. */
+#pragma once
+int printf(const char *, ...);
