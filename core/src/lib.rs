@@ -82,7 +82,9 @@
 //! The C library has functions that make a detector in memory of the caller, which zeros it in place.
 //!
 //! [`Detector::begin`] reads a frame into planes of its own: the caller's buffer is free for the next one
-//! while [`Ongoing::step`] searches. One raw buffer is enough.
+//! while [`Ongoing::step`] searches. One raw buffer is enough. [`Detector::begin_again`] searches the same
+//! frame for another model: several that lie apart in flash need not be merged. [`Model::length`] tells
+//! where one of them ends.
 //!
 //! A DMA that wants words fills a buffer of `[u32; N]`; its bytes are read as they lie in memory, by
 //! `zerocopy::IntoBytes::as_bytes` or `bytemuck::cast_slice`, without `unsafe`.

@@ -278,3 +278,30 @@ fn a_search_in_pieces_finds_what_a_search_finds() {
         assert!(left < 12 && detector.stats().stopped, "{left}");
     }
 }
+
+#[test]
+fn several_models_are_searched_for_in_a_frame_that_is_read_once() {
+    static DETECTOR: Mutex<VgaDetector> = Mutex::new(VgaDetector::new());
+    let [sample, other] = [Sample::new(7), Sample::new(8)];
+    let ((model, frame), (absent, _)) = (sample.lend(), other.lend());
+    let mut detector = DETECTOR.lock().unwrap();
+    let mut clock = || 0;
+    let found = detector.detect(&frame, &model, DEFAULT_THRESHOLD, &mut clock).unwrap().to_vec();
+    let seen = detector.stats().stages;
+    assert_eq!(found.len(), 1);
+    for (model, expected) in [(&absent, &found[..0]), (&model, &found[..]), (&absent, &found[..0])] {
+        let mut search = detector.begin_again(model, DEFAULT_THRESHOLD);
+        assert!(search.detections().is_empty());
+        while search.step(&mut clock) {}
+        assert_eq!(search.detections(), expected);
+    }
+    let mut search = detector.begin_again(&model, DEFAULT_THRESHOLD);
+    while search.step(&mut clock) {}
+    assert_eq!(detector.stats().stages, seen, "the same search");
+    // Before any frame there is nothing to find.
+    static IDLE: Mutex<VgaDetector> = Mutex::new(VgaDetector::new());
+    let mut idle = IDLE.lock().unwrap();
+    let mut search = idle.begin_again(&model, DEFAULT_THRESHOLD);
+    while search.step(&mut clock) {}
+    assert!(search.detections().is_empty());
+}

@@ -135,6 +135,17 @@ impl<P: Profile + ?Sized> Detector<P> {
         Ok(Ongoing { detector: self, model, plan, place: Place::START })
     }
 
+    /// Begins to search the frame that was read last for the objects of another model, such as one that lies
+    /// elsewhere in flash: models need not be merged, and the caller's buffer may hold the next frame by now. What
+    /// was found so far is given up: take it before. A detector that has read no frame finds nothing.
+    pub fn begin_again<'a>(&'a mut self, model: &'a Model<'a>, threshold: f32) -> Ongoing<'a, P> {
+        // A search that a tracker has kept does not go on in these buffers.
+        self.loads = self.loads.wrapping_add(1);
+        cleared(self.buffers.lend());
+        let plan = self.plan(model, threshold);
+        Ongoing { detector: self, model, plan, place: Place::START }
+    }
+
     /// What a search with this threshold looks for.
     pub(crate) const fn wish(&self, threshold: f32) -> Wish {
         Wish { threshold, visible: self.visible, depth: self.depth }
