@@ -2,17 +2,19 @@
 //!
 //! In: a picture and what training made of it, or the facts and the rendered frames of an
 //! assessment. Out: sentences that say what is wrong and what to do about it. Memory: the
-//! sentences. Cost: [`framing`] looks for margins, one pass over the picture; the rest
-//! compares numbers.
+//! sentences. Cost: [`framing`] looks for margins, one pass over the picture; [`of_model`]
+//! searches the picture once; the rest compares numbers.
 
 use std::path::Path;
 
-use keygraph_core::Trained;
+use anyhow::Result;
+use keygraph_core::{DEFAULT_THRESHOLD, Method, Model, NAME_BYTES, Trained};
 
 use crate::alike::Alike;
 use crate::margins::within_margins;
 use crate::picture::{Framed, Part, Picture};
-use crate::structure::Structure;
+use crate::search::{Profile, search};
+use crate::structure::{Structure, structure};
 use crate::sweep::{Cell, Condition, MILD, RELIABLE, Row, Sweep, frames};
 
 /// Minimum number of keypoints in all views. The poor pictures of the tests have up to 250,
@@ -79,6 +81,34 @@ pub fn framing(framed: &Framed, path: &Path, crop: Option<Part>) -> Vec<String> 
         ));
     }
     said
+}
+
+/// Says what makes a new model less useful than it looks: a name that was cut, a picture that gives too little
+/// or repeats itself, an object that is not found in its own picture. `label` names the picture, `name` is the
+/// object's as it was given.
+///
+/// # Errors
+/// When the picture cannot be searched.
+pub fn of_model(
+    label: &str,
+    name: &str,
+    picture: &Picture,
+    model: &Model<'_>,
+    trained: &Trained,
+) -> Result<Vec<String>> {
+    let mut said = Vec::new();
+    if name.len() > NAME_BYTES {
+        said.push(format!("the name was cut to {NAME_BYTES} bytes: {}", model.object(0).name));
+    }
+    // The paper's method is for comparison: its models need no advice.
+    if model.method() == Method::Keygraph {
+        let told = warning(picture, trained).into_iter().chain(repeats(&structure(model, 0)));
+        said.extend(told.map(|told| format!("{label} {told}")));
+        if search(picture, model, Profile::Vga, DEFAULT_THRESHOLD, false, 0)?.detections.is_empty() {
+            said.push(not_found_in_itself(label));
+        }
+    }
+    Ok(said)
 }
 
 /// Says what is wrong with a picture that gave training too little, and what to do; the

@@ -40,6 +40,26 @@ pub fn plane_pose_object(poses: Option<&PlanePose>) -> Value {
     object
 }
 
+/// The names of the columns of [`csv_lines`].
+pub const CSV_HEAD: &str = "source,frame,object,score,visible,x1,y1,x2,y2,x3,y3,x4,y4";
+
+/// A line of comma-separated values for each detection of a frame: corners in px of the frame, clockwise from
+/// the picture's top left.
+#[must_use]
+pub fn csv_lines(source: &str, frame: u64, model: &Model<'_>, found: &Found) -> String {
+    // As RFC 4180 has it. A line break in a name would make two lines of one.
+    let quoted = |text: &str| {
+        let text = text.replace(['\n', '\r'], " ");
+        if text.contains([',', '"']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text }
+    };
+    let line = |d: &Detection| {
+        let corners = d.corners.iter().flatten().map(|v| format!(",{v:.2}")).collect::<String>();
+        let name = quoted(model.object(usize::from(d.object)).name);
+        format!("{},{frame},{name},{:.4},{:.3}{corners}", quoted(source), d.score, d.appearance.visible)
+    };
+    found.detections.iter().map(line).collect::<Vec<_>>().join("\n")
+}
+
 /// The line of a frame that was read. `poses` has one entry a detection.
 #[must_use]
 pub fn frame_line(

@@ -13,9 +13,7 @@ use keygraph::file::read_whole;
 use keygraph::learn::{Preset, has_colour, merge, train_within};
 use keygraph::output::{check_name, is_plain, write_file};
 use keygraph::picture::{Framed, Part, read_framed};
-use keygraph::search::{Profile, search};
-use keygraph::structure::structure;
-use keygraph_core::{DEFAULT_THRESHOLD, FeatureKind, Method, NAME_BYTES};
+use keygraph_core::{FeatureKind, Method};
 use pyo3::IntoPyObjectExt;
 use pyo3::exceptions::{PyOSError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
@@ -395,22 +393,9 @@ pub fn train(
     let trained = py.detach(|| train_within(&picture, &name, preset, luma, bytes));
     let (data, trained) = trained.context("cannot train on the picture").map_err(|e| exception(&e))?;
     let model = Model::of(data, Some(preset))?;
-    if name.len() > NAME_BYTES {
-        warn(py, &format!("the name was cut to {NAME_BYTES} bytes: {}", model.name(0)))?;
-    }
-    if model.view().method() == Method::Keygraph {
-        let view = model.view();
-        let own = py.detach(|| {
-            let repeats = advice::repeats(&structure(view, 0));
-            let found = search(&picture, view, Profile::Vga, DEFAULT_THRESHOLD, false, 0);
-            (repeats, found.is_ok_and(|f| !f.detections.is_empty()))
-        });
-        for said in advice::warning(&picture, &trained).into_iter().chain(own.0) {
-            warn(py, &format!("the picture {said}"))?;
-        }
-        if !own.1 {
-            warn(py, &advice::not_found_in_itself("the picture"))?;
-        }
+    let said = py.detach(|| advice::of_model("the picture", &name, &picture, model.view(), &trained));
+    for said in said.map_err(|e| exception(&e))? {
+        warn(py, &said)?;
     }
     Ok(model)
 }

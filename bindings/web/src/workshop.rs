@@ -12,10 +12,9 @@ use keygraph::heat::Heat;
 use keygraph::learn::{Preset, has_colour, merge, train_within};
 use keygraph::output::check_name;
 use keygraph::report::{assessment_object, model_object};
-use keygraph::search::{Profile, search};
-use keygraph::structure::structure;
+use keygraph::search::Profile;
 use keygraph::sweep::{Options, all_frames};
-use keygraph_core::{DEFAULT_THRESHOLD, Method, Model, NAME_BYTES};
+use keygraph_core::Model;
 use serde_json::json;
 
 use crate::failure::{Failure, in_page};
@@ -52,16 +51,7 @@ pub fn train(options: &Train, bytes: &[u8]) -> Result<Answer, Failure> {
     }
     let (model, trained) = train_within(&picture, &options.name, preset, options.luma, preset.bytes())?;
     let view = Model::parse(&model)?;
-    if options.name.len() > NAME_BYTES {
-        warnings.push(format!("the name was cut to {NAME_BYTES} bytes: {}", view.object(0).name));
-    }
-    if view.method() == Method::Keygraph {
-        let told = advice::warning(&picture, &trained).into_iter().chain(advice::repeats(&structure(&view, 0)));
-        warnings.extend(told.map(|said| format!("{LABEL} {said}")));
-        if search(&picture, &view, Profile::Vga, DEFAULT_THRESHOLD, false, 0)?.detections.is_empty() {
-            warnings.push(advice::not_found_in_itself(LABEL));
-        }
-    }
+    warnings.extend(advice::of_model(LABEL, &options.name, &picture, &view, &trained)?);
     let mut head = model_object(&view);
     head["warnings"] = warnings.iter().map(|said| in_page(said)).collect();
     head["picture"] = json!([picture.width, picture.height]);

@@ -18,22 +18,35 @@ use keygraph::sensor::SensorFormat;
 use keygraph::{report, words};
 use keygraph_core::{DEFAULT_THRESHOLD, Intrinsics, Model};
 
-use super::model_files::{load, parse};
+use super::model_files::{expanded, is_model, load, parse};
 use super::usage_error;
 use super::values::Threads;
 
 /// Arguments of `keygraph detect`.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
-    /// Model with the objects to find; several are searched at once
-    #[arg(short, long = "model", required = true, value_name = "MODEL.kgm")]
+    /// Model with the objects to find, or a folder of models; several are searched at once
+    #[arg(short, long = "model", value_name = "MODEL.kgm|DIR")]
     models: Vec<PathBuf>,
+    #[command(flatten)]
+    search: Search,
+}
+
+/// What is searched, how, and what is told of it.
+#[derive(Debug, clap::Args)]
+pub struct Search {
     /// Pictures, folders of pictures, video files, or - for a YUV4MPEG2 stream
     #[arg(required = true, value_name = "INPUT")]
     inputs: Vec<PathBuf>,
     /// Print one JSON line a frame
     #[arg(long)]
     json: bool,
+    /// Print one line of comma-separated values for each object that is found
+    #[arg(long, conflicts_with = "json")]
+    csv: bool,
+    /// End with status 0 when something was found, 1 when nothing was, 2 when a frame could not be read
+    #[arg(long)]
+    exit_code: bool,
     /// Draw what was found: into a folder, a picture, or a video file
     #[arg(long, value_name = "DIR|FILE")]
     annotate: Option<PathBuf>,
@@ -83,7 +96,7 @@ pub struct Arguments {
     width_mm: Vec<Width>,
 }
 
-impl Arguments {
+impl Search {
     /// Intrinsics and widths, when poses are asked for. Widths that do not fit the model
     /// end the program.
     fn calibration(&self, model: &Model<'_>) -> Option<Calibration> {
@@ -98,13 +111,38 @@ impl Arguments {
 /// # Errors
 /// When a model cannot be read, or a result cannot be written. Frames that cannot be read
 /// are reported; they make the exit status 1.
-pub fn run(arguments: &Arguments) -> Result<ExitCode> {
+pub fn run(mut arguments: Arguments) -> Result<ExitCode> {
+    let inputs = &mut arguments.search.inputs;
+    // Models between the inputs belong to -m, as in `-m *.kgm photo.jpg`.
+    let strays: Vec<_> = inputs.extract_if(.., |path| is_model(path)).collect();
+    match (arguments.models.is_empty(), strays.first()) {
+        (true, Some(stray)) => usage_error(
+            ErrorKind::MissingRequiredArgument,
+            format!("{0} is a model: did you mean -m {0}?", plain(&stray.display().to_string())),
+        ),
+        (true, None) => usage_error(
+            ErrorKind::MissingRequiredArgument,
+            "give a model with -m MODEL.kgm (make one with `keygraph train`), or use `keygraph find PICTURE INPUT`",
+        ),
+        (false, _) => arguments.models.extend(strays),
+    }
+    if inputs.is_empty() {
+        usage_error(ErrorKind::MissingRequiredArgument, "there is nothing to search: give pictures, folders or videos");
+    }
+    let models = expanded(&arguments.models)?;
+    search(&load(&models)?, &models, &arguments.search)
+}
+
+/// Searches the inputs for the objects of a model, which was read from `paths`.
+///
+/// # Errors
+/// As [`run`].
+pub fn search(bytes: &[u8], paths: &[PathBuf], arguments: &Search) -> Result<ExitCode> {
     if arguments.track && arguments.threads.are_many() {
         let message = "--track works on one frame after the other: leave --threads out";
         usage_error(ErrorKind::ArgumentConflict, message);
     }
-    let bytes = load(&arguments.models)?;
-    let model = parse(&bytes, &arguments.models)?;
+    let model = parse(bytes, paths)?;
     let calibration = arguments.calibration(&model);
     let options = Options {
         request: Request {
@@ -124,11 +162,13 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode> {
         calibration: calibration.as_ref(),
     };
     let mut source = Source::open(&arguments.inputs)?;
-    let read = arguments.inputs.iter().chain(&arguments.models).map(PathBuf::as_path);
+    let read = arguments.inputs.iter().chain(paths).map(PathBuf::as_path);
     let mut gallery = arguments.annotate.as_deref().map(|path| Gallery::new(path, Inputs::of(read))).transpose()?;
     let progress = Progress::new(source.len_hint(), "frames");
-    let mut failed = false;
-    let mut suited = false;
+    let (mut failed, mut suited, mut any) = (false, false, false);
+    if arguments.csv {
+        print_line(report::CSV_HEAD)?;
+    }
     // The first picture in which nothing was found, while nothing was found in any.
     let mut empty = Some(None);
     let searched = search_all(&mut source, &model, &options, |outcome| {
@@ -146,18 +186,21 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode> {
             }
             Ok(s) => {
                 suited = true;
+                any |= !s.found.detections.is_empty();
                 if !s.found.detections.is_empty() || matches!(outcome.kind, Kind::Video { .. }) {
                     empty = None;
                 } else if let Some(first) = &mut empty {
                     first.get_or_insert_with(|| outcome.source.clone());
                 }
-                let line = if arguments.json {
-                    report::frame_line(&outcome.source, outcome.frame, s.size, &model, &s.found, s.poses.as_deref())
-                        .to_string()
+                let (source, frame) = (&outcome.source, outcome.frame);
+                let text = if arguments.json {
+                    report::frame_line(source, frame, s.size, &model, &s.found, s.poses.as_deref()).to_string()
+                } else if arguments.csv {
+                    report::csv_lines(source, frame, &model, &s.found)
                 } else {
-                    words::frame(&outcome.source, outcome.frame, &model, &s)
+                    words::frame(source, frame, &model, &s)
                 };
-                progress.aside(|| print_line(&line))?;
+                progress.aside(|| text.lines().try_for_each(print_line))?;
                 if let (Some(g), Some(c)) = (&mut gallery, &s.canvas) {
                     g.add(&outcome.source, outcome.kind, c)?;
                 }
@@ -176,7 +219,11 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode> {
     {
         hint_at_mirror(&name, &model, &options.request);
     }
-    Ok(if failed { ExitCode::FAILURE } else { ExitCode::SUCCESS })
+    Ok(ExitCode::from(match (arguments.exit_code, failed, any) {
+        (true, true, _) => 2,
+        (true, false, false) | (false, true, _) => 1,
+        _ => 0,
+    }))
 }
 
 /// Says so when the other `--mirror` finds an object in a picture in which nothing was found. It costs

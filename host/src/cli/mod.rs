@@ -3,7 +3,7 @@
 //! - `model_files`: models as files, read and parsed
 //! - `compare`: objects that look alike
 //! - `values`: values of arguments that several commands take
-//! - `train`, `pack`, `inspect`, `assess`, `detect`, `bench`, `camera`, `order`, `demo`: the commands
+//! - `train`, `pack`, `inspect`, `assess`, `detect`, `find`, `bench`, `camera`, `order`, `demo`: the commands
 
 mod compare;
 mod model_files;
@@ -15,6 +15,7 @@ mod bench;
 mod camera;
 mod demo;
 mod detect;
+mod find;
 mod inspect;
 #[cfg(feature = "live")]
 mod order;
@@ -53,6 +54,8 @@ enum Command {
     Assess(assess::Arguments),
     /// Find the objects of models in pictures, folders, videos or a stream
     Detect(detect::Arguments),
+    /// Find the object of one picture in others: trains in memory, then as `detect`
+    Find(find::Arguments),
     /// Measure the search: time by stage, memory by buffer, one digest
     ///
     /// Searches the same frames again and again on one thread. Each pass must find what
@@ -85,7 +88,8 @@ pub fn run() -> Result<ExitCode> {
         Command::Pack(arguments) => pack::run(&arguments)?,
         Command::Inspect(arguments) => inspect::run(&arguments)?,
         Command::Assess(arguments) => assess::run(&arguments)?,
-        Command::Detect(arguments) => return detect::run(&arguments),
+        Command::Detect(arguments) => return detect::run(arguments),
+        Command::Find(arguments) => return find::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments)?,
         #[cfg(feature = "live")]
         Command::Camera(arguments) => camera::run(&arguments)?,

@@ -1,12 +1,44 @@
 //! Models as files: read, merged and parsed, with messages that name the file.
 
+use std::collections::HashSet;
+use std::fs::{self, File};
+use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::{io, slice};
 
-use anyhow::{Context, Error, Result};
-use keygraph::file::read_whole;
+use anyhow::{Context, Error, Result, ensure};
+use keygraph::file::{Identity, read_whole};
 use keygraph::learn::merge;
-use keygraph_core::{Model, PackError};
+use keygraph_core::{MAGIC, Model, PackError};
+
+/// The models that are meant: those of a folder in place of the folder, by name, and each file once.
+///
+/// # Errors
+/// When a folder cannot be read, or has no model.
+pub fn expanded(paths: &[PathBuf]) -> Result<Vec<PathBuf>> {
+    let (mut all, mut known) = (Vec::new(), HashSet::new());
+    for path in paths {
+        if path.is_dir() {
+            let inside = fs::read_dir(path).with_context(|| format!("cannot read the folder {}", path.display()))?;
+            let mut models: Vec<_> = inside.filter_map(|entry| Some(entry.ok()?.path())).collect();
+            models.retain(|p| p.extension().is_some_and(|e| e == "kgm") && p.is_file());
+            ensure!(!models.is_empty(), "there is no model (.kgm) in the folder {}", path.display());
+            models.sort();
+            all.extend(models);
+        } else {
+            all.push(path.clone());
+        }
+    }
+    // A pipe has no identity, and is read once in any case.
+    all.retain(|path| Identity::of(path).is_none_or(|file| known.insert(file)));
+    Ok(all)
+}
+
+/// Whether a file begins as models do.
+pub fn is_model(path: &Path) -> bool {
+    let mut start = [0; MAGIC.len()];
+    path.is_file() && File::open(path).and_then(|mut file| file.read_exact(&mut start)).is_ok() && start == MAGIC
+}
 
 /// Reads models, and merges several into one. A single model is not checked: [`parse`] does
 /// that once, since it takes most of the time in which a search gets ready.

@@ -12,10 +12,8 @@ use keygraph::camera::{arguments::Lesson, learn_from_camera};
 use keygraph::learn::{Learned, Plan, Preset, has_colour, train_within};
 use keygraph::output::{Inputs, check_model_output, check_name, is_plain, plain, print_line, write_file};
 use keygraph::picture::{Part, Picture, read_framed};
-use keygraph::search::{Profile, search};
-use keygraph::structure::structure;
 use keygraph::{advice, report, words};
-use keygraph_core::{DEFAULT_THRESHOLD, Method, Model, NAME_BYTES};
+use keygraph_core::Model;
 
 use super::compare::{Shared, tell_beside};
 use super::model_files::{parse, read_all};
@@ -153,7 +151,9 @@ fn check_colour(picture: &Picture, label: &str, plan: &Plan) -> Result<()> {
 /// that it will be used with.
 fn tell(arguments: &Arguments, label: &str, learned: &Learned, beside: &[Vec<u8>]) -> Result<()> {
     let model = Model::parse(&learned.model)?;
-    warn(label, learned, &model)?;
+    for said in advice::of_model(label, &learned.name, &learned.picture, &model, &learned.trained)? {
+        eprintln!("keygraph: {}", plain(&said));
+    }
     let alike = tell_beside(&model.object(0), beside, &arguments.shared)?;
     if arguments.json {
         let mut object = report::model_object(&model);
@@ -165,24 +165,4 @@ fn tell(arguments: &Arguments, label: &str, learned: &Learned, beside: &[Vec<u8>
     print_line(&format!("picture    {label}, {}x{} px", learned.picture.width, learned.picture.height))?;
     print_line(&words::training(&learned.trained))?;
     print_line(&words::model(&model, &arguments.output))
-}
-
-/// Says on standard error what makes a model less useful than it looks.
-fn warn(label: &str, learned: &Learned, model: &Model<'_>) -> Result<()> {
-    if learned.name.len() > NAME_BYTES {
-        eprintln!("keygraph: the name was cut to {NAME_BYTES} bytes: {}", plain(model.object(0).name));
-    }
-    // The paper's method is for comparison: its models need no advice.
-    if model.method() != Method::Keygraph {
-        return Ok(());
-    }
-    let told = advice::warning(&learned.picture, &learned.trained);
-    for warning in told.into_iter().chain(advice::repeats(&structure(model, 0))) {
-        eprintln!("keygraph: {label} {warning}");
-    }
-    let own = search(&learned.picture, model, Profile::Vga, DEFAULT_THRESHOLD, false, 0)?;
-    if own.detections.is_empty() {
-        eprintln!("keygraph: {}", advice::not_found_in_itself(label));
-    }
-    Ok(())
 }

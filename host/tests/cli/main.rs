@@ -6,7 +6,7 @@
 //!
 //! - `lines`: values of JSON lines, and what the contract says of them
 //! - `usage`: wrong command lines, and models that cannot be read
-//! - `train`, `pack`, `detect`, `annotate`, `assess`, `video`, `demo`: by command and by input
+//! - `train`, `pack`, `detect`, `find`, `annotate`, `assess`, `video`, `demo`: by command and by input
 //! - `region`: parts of frames, and frames that are mirrored
 //! - `writing`: files that are written, and faults while they are
 #![allow(clippy::unwrap_used, clippy::panic, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
@@ -30,6 +30,7 @@ mod annotate;
 mod assess;
 mod demo;
 mod detect;
+mod find;
 mod pack;
 mod region;
 mod train;

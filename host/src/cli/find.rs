@@ -1,0 +1,60 @@
+//! `keygraph find`: the object of one picture in others, without a model file.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::slice;
+
+use anyhow::{Context, Result};
+use clap::error::ErrorKind;
+use keygraph::advice;
+use keygraph::learn::{Preset, has_colour, train};
+use keygraph::output::plain;
+use keygraph::picture::read_framed;
+use keygraph_core::Model;
+
+use super::detect::{Search, search};
+use super::model_files::is_model;
+use super::train::name_of;
+use super::usage_error;
+
+/// Arguments of `keygraph find`.
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    /// PNG or JPEG picture that shows the object, from the front, and nothing else
+    picture: PathBuf,
+    #[command(flatten)]
+    search: Search,
+}
+
+/// Trains on the picture, and searches the inputs.
+///
+/// # Errors
+/// When the picture cannot be read or used, and as `detect`.
+pub fn run(arguments: &Arguments) -> Result<ExitCode> {
+    let path = &arguments.picture;
+    if is_model(path) {
+        let shown = plain(&path.display().to_string()).into_owned();
+        usage_error(ErrorKind::ValueValidation, format!("{shown} is a model: use `keygraph detect -m {shown}`"));
+    }
+    let model = learnt(path)?;
+    search(&model, slice::from_ref(path), &arguments.search)
+}
+
+/// The model of a picture. What makes it less useful than it looks is said.
+fn learnt(path: &Path) -> Result<Vec<u8>> {
+    let label = plain(&path.display().to_string()).into_owned();
+    let framed = read_framed(path, None)?;
+    for said in advice::framing(&framed, path, None) {
+        eprintln!("keygraph: {}", plain(&said));
+    }
+    if !has_colour(&framed.picture) {
+        eprintln!("keygraph: {label} has no colour: trained on luma alone");
+    }
+    let trained = train(&framed.picture, &name_of(path), Preset::Large, false);
+    let (bytes, trained) = trained.with_context(|| format!("cannot train on {label}"))?;
+    let name = name_of(path);
+    for said in advice::of_model(&label, &name, &framed.picture, &Model::parse(&bytes)?, &trained)? {
+        eprintln!("keygraph: {}", plain(&said));
+    }
+    Ok(bytes)
+}

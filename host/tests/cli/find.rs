@@ -1,0 +1,70 @@
+//! `keygraph find`, what is meant by `-m`, and results as comma-separated values and exit statuses.
+
+use std::fs;
+
+use crate::lines::path;
+use crate::program::{Folder, frame, picture};
+use crate::{astronaut, compact};
+
+#[test]
+fn a_picture_is_found_without_a_model_file() {
+    let run = keygraph!("find", picture("astronaut"), frame(4), picture("rocket")).ended_with(0);
+    let lines: Vec<_> = run.out.lines().collect();
+    assert!(lines[0].contains("astronaut at (31") && lines[1].contains("nothing found"), "{}", run.out);
+    assert_eq!(run.err, "", "a good picture needs no advice");
+    keygraph!("find", picture("nowhere"), frame(4)).refused_with(&["nowhere"]);
+}
+
+#[test]
+fn found_or_not_is_the_exit_status_if_asked_for() {
+    let folder = Folder::new("exit-code");
+    let (model, nothing) = (astronaut(&folder), folder.join("missing.jpg"));
+    for (input, plain, asked) in [(&frame(4), 0, 0), (&picture("rocket"), 0, 1), (&nothing, 1, 2)] {
+        keygraph!("detect", "-m", model, input).ended_with(plain);
+        keygraph!("detect", "-m", model, input, "--exit-code").ended_with(asked);
+    }
+}
+
+#[test]
+fn comma_separated_values_have_a_line_for_each_object() {
+    let folder = Folder::new("csv");
+    let model = folder.join("m.kgm");
+    keygraph!("train", picture("astronaut"), "--name", "a, \"b\"", "--preset", "compact", "-o", model).ended_with(0);
+    let run = keygraph!("detect", "-m", model, "--csv", frame(4), picture("rocket"), frame(0)).ended_with(0);
+    let lines: Vec<_> = run.out.lines().collect();
+    assert_eq!(lines.len(), 3, "a head, and two frames with an object:\n{}", run.out);
+    assert_eq!(lines[0].split(',').count(), 13);
+    let start = format!("{},0,\"a, \"\"b\"\"\",0.99", path(&frame(4)));
+    assert!(lines[1].starts_with(&start), "{}", lines[1]);
+    let corners: Vec<f64> = lines[1].rsplit(',').take(8).map(|v| v.parse().unwrap()).collect();
+    assert!((corners[7] - 178.8).abs() < 1.0, "x of the first corner, px: {corners:?}");
+    keygraph!("detect", "-m", model, "--csv", "--json", frame(0)).ended_with(2);
+}
+
+#[test]
+fn models_are_what_they_look_like() {
+    let folder = Folder::new("models");
+    let one = astronaut(&folder);
+    let shelf = folder.join("shelf");
+    fs::create_dir(&shelf).unwrap();
+    keygraph!("detect", "-m", shelf, frame(4)).refused_with(&["no model", "shelf"]);
+    let two = shelf.join("coffee.kgm");
+    fs::write(&two, compact("coffee", &[])).unwrap();
+    fs::write(shelf.join("notes.txt"), "no model").unwrap();
+    fs::copy(&one, shelf.join("astronaut.kgm")).unwrap();
+    let found =
+        |run: &crate::program::Run| run.out.matches("astronaut at").count() + run.out.matches("coffee at").count();
+    // A folder, several files as a shell gives them, and a file that is given twice.
+    let expected = found(&keygraph!("detect", "-m", one, "-m", two, frame(9)).ended_with(0));
+    assert!(expected > 0);
+    assert_eq!(found(&keygraph!("detect", "-m", shelf, frame(9)).ended_with(0)), expected);
+    assert_eq!(found(&keygraph!("detect", "-m", one, two, frame(9)).ended_with(0)), expected);
+    let line = keygraph!("detect", "-m", one, "-m", one, one, "--json", "--all-names", frame(9)).ended_with(0).object();
+    assert_eq!(line["detections"].as_array().unwrap().len(), 1, "searched for once: {line}");
+
+    keygraph!("detect", one, frame(4)).ended_with(2).said(&["did you mean -m", "astronaut.kgm"]);
+    keygraph!("detect", frame(4)).ended_with(2).said(&["-m MODEL.kgm", "keygraph find"]);
+    keygraph!("detect", "-m", one, two).ended_with(2).said(&["nothing to search"]);
+    keygraph!("detect", "-m", picture("coffee"), frame(4)).refused_with(&["not a keygraph model", "keygraph train"]);
+    keygraph!("find", one, frame(4)).ended_with(2).said(&["is a model", "detect -m"]);
+}
