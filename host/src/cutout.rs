@@ -1,6 +1,6 @@
 //! The object cut out of a frame: the part within an outline, seen from the front.
 //!
-//! In: a frame, and the outline that somebody drew around the object. Out: the picture of
+//! In: a frame, and the outline that somebody drew around the object, or a detection. Out: the picture of
 //! the object from the front. The homography from the picture onto the outline maps the
 //! corners of a rectangle to the four points (P. Heckbert, "Fundamentals of Texture Mapping
 //! and Image Warping", 1989, section 2.2.3); the frame is sampled bilinearly. Each side of
@@ -9,14 +9,16 @@
 //! Memory: the picture. Cost: some 20 ns a pixel.
 
 use anyhow::{Result, bail, ensure};
-use keygraph_core::Homography;
 use keygraph_core::stages::geometry::{area, is_convex};
+use keygraph_core::{Detection, Homography};
 
 use crate::canvas::Canvas;
 use crate::picture::{Picture, Pixels};
 
 /// Minimum side of an outline, px. Smaller objects have too little detail to train on.
 const MIN_SIDE_PX: f32 = 32.0;
+/// Maximum number of px of a rectified picture.
+const MOST_PX: f32 = 16e6;
 
 /// The corners of an object in frame px, from its top left clockwise.
 pub type Outline = [[f32; 2]; 4];
@@ -54,6 +56,27 @@ pub fn cut_out(frame: &Picture, outline: &Outline) -> Result<Picture> {
         size[1]
     );
     let onto_frame = onto(outline, size);
+    let size_px = (frame.width as usize, frame.height as usize);
+    Ok(gather(frame, size.map(to_px), |rgb, p| sample(rgb, size_px, onto_frame.apply(p))))
+}
+
+/// The object of a detection in `frame` as it looks flat: its picture of `size` px as the frame shows it, enlarged where
+/// the frame shows more of it, to at most `MOST_PX` px. What lies outside of the frame is white.
+#[must_use]
+pub fn rectify(frame: &Picture, d: &Detection, size: (u32, u32)) -> Picture {
+    let [w, h] = [size.0, size.1].map(|v| v.max(1) as f32);
+    let (shown, most) = ((area(&d.corners).abs() / (w * h)).sqrt(), (MOST_PX / (w * h)).sqrt());
+    let scale = if shown.is_finite() { shown.max(1.0).min(most) } else { 1.0 };
+    let (fw, fh) = (frame.width as usize, frame.height as usize);
+    gather(frame, [w, h].map(|v| to_px(v * scale).max(1)), |rgb, p| {
+        let [x, y] = d.homography.apply(p.map(|v| v / scale));
+        let is_inside = (-0.5..fw as f32).contains(&x) && (-0.5..fh as f32).contains(&y);
+        if is_inside { sample(rgb, (fw, fh), [x, y]) } else { [255; 3] }
+    })
+}
+
+/// A picture of `width` x `height` px whose colours `at` takes from the pixels of `frame`.
+fn gather(frame: &Picture, [width, height]: [usize; 2], at: impl Fn(&[u8], [f32; 2]) -> [u8; 3]) -> Picture {
     let converted;
     let rgb = match &frame.pixels {
         Pixels::Rgb8(rgb) => rgb.as_slice(),
@@ -62,16 +85,14 @@ pub fn cut_out(frame: &Picture, outline: &Outline) -> Result<Picture> {
             converted.rgb()
         }
     };
-    let size_px = (frame.width as usize, frame.height as usize);
-    let [width, height] = size.map(to_px);
     let mut cut = Vec::with_capacity(width * height * 3);
     for y in 0..height {
         for x in 0..width {
-            cut.extend(sample(rgb, size_px, onto_frame.apply([x as f32, y as f32])));
+            cut.extend(at(rgb, [x as f32, y as f32]));
         }
     }
     let side = |v: usize| u32::try_from(v).unwrap_or(u32::MAX);
-    Ok(Picture { width: side(width), height: side(height), pixels: Pixels::Rgb8(cut) })
+    Picture { width: side(width), height: side(height), pixels: Pixels::Rgb8(cut) }
 }
 
 /// A coordinate rounded down to whole px; 0 when it is negative.

@@ -120,6 +120,7 @@ fn search_sequence(model: &Model<'_>, sequence: &Path, frames: &Path) -> Result<
         threads: default_threads(),
         track: false,
         annotate: true,
+        rectify: false,
         calibration: None,
     };
     let mut tallies = [Tally::default(); 2];

@@ -13,11 +13,12 @@ use std::sync::mpsc::{Receiver, channel};
 use std::thread;
 
 use anyhow::{Context, Result, anyhow};
-use keygraph_core::{Model, PlanePose};
+use keygraph_core::{Detection, Model, PlanePose};
 
 use crate::annotate::{
     Canvas, Outline, colour, draw_axes, draw_corners, draw_label, draw_outline, draw_part, draw_triangles,
 };
+use crate::cutout::rectify;
 use crate::input::{Kind, Pending, Picture, Source, SourceFrame};
 use crate::output::plain;
 use crate::pose::Calibration;
@@ -35,6 +36,8 @@ pub struct Options<'a> {
     pub track: bool,
     /// Whether to draw the results into the frames.
     pub annotate: bool,
+    /// Whether to show each object as it looks flat.
+    pub rectify: bool,
     /// Intrinsics and widths; `None` when no poses are wanted.
     pub calibration: Option<&'a Calibration>,
 }
@@ -63,6 +66,8 @@ pub struct Searched {
     pub poses: Option<Vec<Option<PlanePose>>>,
     /// The frame with the results drawn onto it; `None` unless asked for.
     pub canvas: Option<Canvas>,
+    /// Each object as it looks flat; empty unless asked for.
+    pub flat: Vec<Picture>,
 }
 
 /// The number of processors, at most [`MAX_THREADS`].
@@ -195,7 +200,13 @@ fn search_one(
             }
             canvas
         });
-        Ok(Searched { size: (p.width, p.height), found, poses, canvas })
+        let size = |d: &Detection| {
+            let o = model.object(usize::from(d.object));
+            (o.width, o.height)
+        };
+        let shown = found.detections.iter().filter(|_| options.rectify);
+        let flat = shown.map(|d| rectify(&p, d, size(d))).collect();
+        Ok(Searched { size: (p.width, p.height), found, poses, canvas, flat })
     });
     Outcome { source, frame, kind, result }
 }

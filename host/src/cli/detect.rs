@@ -6,9 +6,10 @@ use std::time::Duration;
 
 use anyhow::Result;
 use clap::error::ErrorKind;
+use keygraph::canvas::Canvas;
 use keygraph::gallery::Gallery;
 use keygraph::input::{Kind, Source, read_picture};
-use keygraph::output::{Inputs, plain, plain_lines, print_line};
+use keygraph::output::{Inputs, file_stem, plain, plain_lines, print_line};
 use keygraph::pose::{Calibration, Width, parse_intrinsics};
 use keygraph::progress::Progress;
 use keygraph::region::{Look, Unsuitable};
@@ -19,6 +20,7 @@ use keygraph::{report, words};
 use keygraph_core::{DEFAULT_THRESHOLD, Intrinsics, Model};
 
 use super::model_files::{expanded, is_model, load, parse};
+use super::train::name_of;
 use super::usage_error;
 use super::values::Threads;
 
@@ -50,6 +52,9 @@ pub struct Search {
     /// Draw what was found: into a folder, a picture, or a video file
     #[arg(long, value_name = "DIR|FILE")]
     annotate: Option<PathBuf>,
+    /// Write each object that is found as it looks flat, at the resolution of the frame, as a PNG in this folder
+    #[arg(long, value_name = "DIR")]
+    rectify: Option<PathBuf>,
     /// Size that frames are searched at; larger ones are scaled down
     #[arg(long, value_enum, default_value = "vga")]
     profile: Profile,
@@ -159,11 +164,15 @@ pub fn search(bytes: &[u8], paths: &[PathBuf], arguments: &Search) -> Result<Exi
         threads: arguments.threads.count(),
         track: arguments.track,
         annotate: arguments.annotate.is_some(),
+        rectify: arguments.rectify.is_some(),
         calibration: calibration.as_ref(),
     };
     let mut source = Source::open(&arguments.inputs)?;
     let read = arguments.inputs.iter().chain(paths).map(PathBuf::as_path);
-    let mut gallery = arguments.annotate.as_deref().map(|path| Gallery::new(path, Inputs::of(read))).transpose()?;
+    let gallery = |path: &Path| Gallery::new(path, Inputs::of(read.clone()));
+    // A slash at its end makes a folder of any name.
+    let mut flats = arguments.rectify.as_deref().map(|folder| gallery(&folder.join(""))).transpose()?;
+    let mut gallery = arguments.annotate.as_deref().map(gallery).transpose()?;
     let progress = Progress::new(source.len_hint(), "frames");
     let (mut failed, mut suited, mut any) = (false, false, false);
     if arguments.csv {
@@ -202,7 +211,13 @@ pub fn search(bytes: &[u8], paths: &[PathBuf], arguments: &Search) -> Result<Exi
                 };
                 progress.aside(|| text.lines().try_for_each(print_line))?;
                 if let (Some(g), Some(c)) = (&mut gallery, &s.canvas) {
-                    g.add(&outcome.source, outcome.kind, c)?;
+                    g.add(source, outcome.kind, c)?;
+                }
+                for (d, picture) in s.found.detections.iter().zip(&s.flat) {
+                    let name = flat_name(source, outcome.kind, frame, model.object(usize::from(d.object)).name);
+                    if let Some(flats) = &mut flats {
+                        flats.add(&name, Kind::Still, &Canvas::from_picture(picture))?;
+                    }
                 }
             }
         }
@@ -224,6 +239,13 @@ pub fn search(bytes: &[u8], paths: &[PathBuf], arguments: &Search) -> Result<Exi
         (true, false, false) | (false, true, _) => 1,
         _ => 0,
     }))
+}
+
+/// The name of the file of an object that is shown flat: input, number of the frame in a video, object.
+fn flat_name(source: &str, kind: Kind, frame: u64, object: &str) -> String {
+    let input = if source == "-" { "stdin".into() } else { name_of(Path::new(source)) };
+    let number = if matches!(kind, Kind::Video { .. }) { format!("-{frame:06}") } else { String::new() };
+    format!("{input}{number}-{}.png", file_stem(object))
 }
 
 /// Says so when the other `--mirror` finds an object in a picture in which nothing was found. It costs

@@ -2,8 +2,10 @@
 
 use std::fs;
 
+use image::imageops::{FilterType, resize, rotate180};
+
 use crate::lines::path;
-use crate::program::{Folder, frame, picture};
+use crate::program::{Folder, frame, picture, pixels};
 use crate::{astronaut, compact};
 
 #[test]
@@ -67,4 +69,35 @@ fn models_are_what_they_look_like() {
     keygraph!("detect", "-m", one, two).ended_with(2).said(&["nothing to search"]);
     keygraph!("detect", "-m", picture("coffee"), frame(4)).refused_with(&["not a keygraph model", "keygraph train"]);
     keygraph!("find", one, frame(4)).ended_with(2).said(&["is a model", "detect -m"]);
+}
+
+#[test]
+fn objects_are_written_as_they_look_flat() {
+    let folder = Folder::new("rectify");
+    let (model, flat) = (astronaut(&folder), folder.join("flat"));
+    // Turned by 170 degrees; nothing; and turned by 20.
+    keygraph!("detect", "-m", model, "--rectify", flat, frame(16), picture("rocket"), frame(4)).ended_with(0);
+    let mut names: Vec<_> =
+        fs::read_dir(&flat).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+    names.sort();
+    assert_eq!(names, ["0004-astronaut.png", "0016-astronaut.png"]);
+    let small = |image: &image::RgbImage| resize(image, 32, 32, FilterType::Triangle).into_raw();
+    let own = pixels(&picture("astronaut"));
+    for name in names {
+        let shown = pixels(&flat.join(&name));
+        assert!(shown.width() >= own.width() && shown.height() >= own.height(), "{name}: {:?}", shown.dimensions());
+        // A frame has its own light, which correlation leaves out.
+        let alike = |shown: &image::RgbImage| correlation(&small(shown), &small(&own));
+        let (upright, turned) = (alike(&shown), alike(&rotate180(&shown)));
+        assert!(upright > 0.95 && turned < 0.5, "{name}: {upright:.3}, and upside down {turned:.3}");
+    }
+}
+
+fn correlation(a: &[u8], b: &[u8]) -> f64 {
+    let mean = |v: &[u8]| v.iter().map(|&x| f64::from(x)).sum::<f64>() / v.len() as f64;
+    let (p, q) = (mean(a), mean(b));
+    let sum = |x: &[u8], y: &[u8], [p, q]: [f64; 2]| {
+        x.iter().zip(y).map(|(&x, &y)| (f64::from(x) - p) * (f64::from(y) - q)).sum::<f64>()
+    };
+    sum(a, b, [p, q]) / (sum(a, a, [p, p]) * sum(b, b, [q, q])).sqrt()
 }
