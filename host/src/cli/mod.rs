@@ -3,7 +3,7 @@
 //! - `model_files`: models as files, read and parsed
 //! - `compare`: objects that look alike
 //! - `values`: values of arguments that several commands take
-//! - `train`, `pack`, `inspect`, `assess`, `detect`, `find`, `bench`, `camera`, `order`, `demo`: the commands
+//! - `train`, `pack`, `inspect`, `assess`, `detect`, `find`, `bench`, `camera`, `order`, `extras`, `demo`: the commands
 
 mod compare;
 mod model_files;
@@ -15,6 +15,8 @@ mod bench;
 mod camera;
 mod demo;
 mod detect;
+#[cfg(feature = "extras")]
+mod extras;
 mod find;
 mod inspect;
 #[cfg(feature = "live")]
@@ -74,6 +76,9 @@ enum Command {
     /// and hashes of the models that all cameras are to run.
     #[cfg(feature = "live")]
     Order(order::Arguments),
+    /// Write what a package puts beside the program: completions of shells, pages of the manual
+    #[cfg(feature = "extras")]
+    Extras(extras::Arguments),
     /// Train on the repository's pictures and find them in its sequence
     Demo(demo::Arguments),
 }
@@ -95,6 +100,8 @@ pub fn run() -> Result<ExitCode> {
         Command::Camera(arguments) => camera::run(&arguments)?,
         #[cfg(feature = "live")]
         Command::Order(arguments) => order::run(&arguments)?,
+        #[cfg(feature = "extras")]
+        Command::Extras(arguments) => extras::run(&arguments)?,
         Command::Demo(arguments) => demo::run(&arguments)?,
     }
     Ok(ExitCode::SUCCESS)

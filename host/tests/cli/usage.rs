@@ -93,3 +93,19 @@ fn a_missing_model_comes_with_advice() {
     let model = std::env::temp_dir().join("keygraph-cli-no-such.kgm");
     keygraph!("detect", "-m", model, frame(0), "--json").refused_with(&["keygraph train"]);
 }
+
+#[test]
+fn completions_and_pages_of_the_manual() {
+    let folder = Folder::new("extras");
+    let run = keygraph!("extras", folder.0).ended_with(0);
+    for (file, words) in [
+        ("completions/keygraph", &["keygraph__detect", "--exit-code"][..]),
+        ("completions/_keygraph", &["#compdef keygraph", "--rectify"]),
+        ("completions/keygraph.fish", &["complete -c keygraph", "find"]),
+        ("man1/keygraph-find.1", &[".TH keygraph-find 1", "PICTURE"]),
+    ] {
+        let text = std::fs::read_to_string(folder.join(file)).unwrap();
+        assert!(words.iter().all(|word| text.replace("\\-", "-").contains(word)), "{file}: {text:.300}");
+        assert!(run.out.contains(file), "{}", run.out);
+    }
+}
