@@ -99,7 +99,7 @@ fn completions_and_pages_of_the_manual() {
     let folder = Folder::new("extras");
     let run = keygraph!("extras", folder.0).ended_with(0);
     for (file, words) in [
-        ("completions/keygraph", &["keygraph__detect", "--exit-code"][..]),
+        ("completions/keygraph", &["keygraph,detect)", "--exit-code"][..]),
         ("completions/_keygraph", &["#compdef keygraph", "--rectify"]),
         ("completions/keygraph.fish", &["complete -c keygraph", "find"]),
         ("man1/keygraph-find.1", &[".TH keygraph-find 1", "PICTURE"]),
