@@ -83,6 +83,7 @@ pub fn ticks() -> u64 {
         ROUNDS.fetch_add(1, Ordering::Relaxed);
     }
     let all = u64::from(ROUNDS.load(Ordering::Relaxed)) * (u64::from(TIMER.most) + 1) + u64::from(now);
+    // Without a division where there is nothing to convert.
     if TIMER.mhz == 25 { all } else { 25 * all / TIMER.mhz }
 }
 

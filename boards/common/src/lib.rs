@@ -1,7 +1,8 @@
 //! What the firmwares for real boards share.
 //!
 //! - [`sensor`]: cameras, and how they start
-//! - [`search`]: a search that gives others their turn, and its report
+//! - `stm32h7` (a feature): what firmwares for the STM32H7 share
+//! - [`search`]: the loop that serves a camera
 //!
 //! In: the model and the camera's registers, by the environment (see `build.rs`). Memory: the model, in
 //! flash. A firmware depends on this crate also for what happens at a panic: nothing more.
@@ -9,6 +10,8 @@
 
 pub mod search;
 pub mod sensor;
+#[cfg(feature = "stm32h7")]
+pub mod stm32h7;
 
 /// The bytes of the model. They stay in flash, and are read in place.
 pub static MODEL: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/model.kgm"));

@@ -81,7 +81,7 @@ pub enum StartError {
     Silent {
         /// The camera.
         sensor: &'static str,
-        /// Its address, 7 bits.
+        /// The address that was asked, 7 bits.
         address: u8,
     },
     /// Another camera answers.

@@ -6,26 +6,25 @@
 #![no_std]
 #![no_main]
 
-use core::fmt::{self, Write};
 use core::mem::MaybeUninit;
 
 use cortex_m::peripheral::DWT;
 use embassy_executor::Spawner;
-use embassy_futures::join::join;
 use embassy_stm32::dcmi::{self, Dcmi, HSyncDataInvalidLevel, VSyncDataInvalidLevel};
 use embassy_stm32::gpio::OutputType;
 use embassy_stm32::i2c::{self, I2c};
+use embassy_stm32::rcc::{Pll, PllDiv, PllMul, PllPreDiv, PllSource, SupplyConfig};
 use embassy_stm32::time::{Hertz, khz, mhz};
 use embassy_stm32::timer::low_level::CountingMode;
 use embassy_stm32::timer::simple_pwm::{PwmPin, SimplePwm};
 use embassy_stm32::usart::{self, UartTx};
-use embassy_stm32::{Config, SharedData, bind_interrupts, dma, mode, peripherals, rcc};
+use embassy_stm32::{SharedData, bind_interrupts, dma, peripherals};
 use keygraph_boards::MODEL;
-use keygraph_boards::search::{begin, finish, report};
+use keygraph_boards::search::{complain, serve};
 use keygraph_boards::sensor::{Gc2145, HEIGHT, Sensor, WIDTH};
-use keygraph_core::{Frame, Model, QvgaDetector};
+use keygraph_boards::stm32h7::{Buffer, Cached, Port, clocks};
+use keygraph_core::{Model, QvgaDetector};
 use static_cell::ConstStaticCell;
-use zerocopy::IntoBytes;
 
 /// Clock of the camera.
 const CAMERA_CLOCK: Hertz = mhz(12);
@@ -35,9 +34,15 @@ bind_interrupts!(struct Interrupts {
     DMA2_STREAM1 => dma::InterruptHandler<peripherals::DMA2_CH1>;
 });
 
-/// The raw frame: whole lines of the data cache.
-#[repr(C, align(32))]
-struct Buffer([u32; WIDTH * HEIGHT / 2]);
+/// 400 MHz of 64 MHz.
+const PLL: Pll = Pll {
+    source: PllSource::HSI,
+    prediv: PllPreDiv::DIV4,
+    mul: PllMul::MUL50,
+    divp: Some(PllDiv::DIV2),
+    divq: Some(PllDiv::DIV8),
+    divr: None,
+};
 
 // All bytes of both are zero: they lie in .bss, and never on the stack.
 static DETECTOR: ConstStaticCell<QvgaDetector> = ConstStaticCell::new(QvgaDetector::new());
@@ -47,40 +52,13 @@ static BUFFER: ConstStaticCell<Buffer> = ConstStaticCell::new(Buffer([0; WIDTH *
 #[unsafe(link_section = ".shared")]
 static SHARED: MaybeUninit<SharedData> = MaybeUninit::uninit();
 
-/// 400 MHz from the internal oscillator of 64 MHz.
-fn clocks() -> Config {
-    use rcc::{AHBPrescaler, APBPrescaler, HSIPrescaler, Pll, PllDiv, PllMul, PllPreDiv, PllSource, Sysclk};
-    let mut config = Config::default();
-    config.rcc.hsi = Some(HSIPrescaler::DIV1);
-    config.rcc.pll1 = Some(Pll {
-        source: PllSource::HSI,
-        prediv: PllPreDiv::DIV4,
-        mul: PllMul::MUL50,
-        divp: Some(PllDiv::DIV2),
-        divq: Some(PllDiv::DIV8),
-        divr: None,
-    });
-    config.rcc.sys = Sysclk::PLL1_P;
-    config.rcc.ahb_pre = AHBPrescaler::DIV2;
-    (config.rcc.apb1_pre, config.rcc.apb2_pre) = (APBPrescaler::DIV2, APBPrescaler::DIV2);
-    (config.rcc.apb3_pre, config.rcc.apb4_pre) = (APBPrescaler::DIV2, APBPrescaler::DIV2);
-    config.rcc.voltage_scale = rcc::VoltageScale::Scale1;
-    config.rcc.supply_config = rcc::SupplyConfig::LDO;
-    config
-}
-
-/// A serial port that takes text.
-struct Port(UartTx<'static, mode::Blocking>);
-
-impl Write for Port {
-    fn write_str(&mut self, text: &str) -> fmt::Result {
-        self.0.blocking_write(text.as_bytes()).map_err(|_| fmt::Error)
-    }
-}
-
 #[embassy_executor::main]
 async fn main(_spawner: Spawner) {
-    let p = embassy_stm32::init_primary(clocks(), &SHARED);
+    let p = {
+        let mut config = clocks(PLL);
+        config.rcc.supply_config = SupplyConfig::LDO;
+        embassy_stm32::init_primary(config, &SHARED)
+    };
     let mut core = cortex_m::Peripherals::take().expect("nobody has taken them");
     core.SCB.enable_icache();
     core.SCB.enable_dcache(&mut core.CPUID);
@@ -105,33 +83,12 @@ async fn main(_spawner: Spawner) {
     let mut settings = dcmi::Config::default();
     settings.vsync_level = VSyncDataInvalidLevel::Low;
     settings.hsync_level = HSyncDataInvalidLevel::Low;
-    let mut camera = Dcmi::new_8bit(
+    let camera = Dcmi::new_8bit(
         p.DCMI, p.DMA2_CH1, Interrupts, p.PC6, p.PC7, p.PE0, p.PE1, p.PE4, p.PD3, p.PE5, p.PE6, p.PG9, p.PA4, p.PA6,
         settings,
     );
 
     let (detector, Buffer(buffer)) = (DETECTOR.take(), BUFFER.take());
-    let mut arrived = camera.capture(buffer).await;
-    for number in 0_u32.. {
-        if arrived.is_err() {
-            // The next frame is a new chance.
-            let _ = writeln!(port, "{number} lost\r");
-            arrived = camera.capture(buffer).await;
-            continue;
-        }
-        // SAFETY: the buffer fills whole lines of the cache, and nothing has been written to it since the DMA
-        // began: no line holds what memory does not.
-        unsafe { core.SCB.invalidate_dcache_by_slice(buffer) };
-        let frame = Frame::new(Gc2145::FORMAT, WIDTH, HEIGHT, buffer.as_bytes()).expect("the mode is a constant");
-        let mut search = begin(detector, &model, &frame, &mut clock).expect("the frame fits the profile");
-        // The frame has been read: the next one arrives in its buffer.
-        (arrived, _) = join(camera.capture(buffer), finish(&mut search, &mut clock)).await;
-        // Nobody listens if this fails.
-        let _ = report(&mut port, number, &model, &search);
-    }
-}
-
-/// Says what is wrong.
-fn complain(port: &mut Port, error: &dyn fmt::Display) {
-    let _ = writeln!(port, "error: {error}\r");
+    let mut camera = Cached { camera, cache: core.SCB };
+    serve::<Gc2145>(&mut camera, buffer, (detector, &model), &mut port, &mut clock).await;
 }

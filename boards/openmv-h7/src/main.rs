@@ -6,55 +6,25 @@
 #![no_std]
 #![no_main]
 
-use core::fmt::{self, Write};
-
-use embassy_stm32::dcmi::{self, Dcmi, HSyncDataInvalidLevel, VSyncDataInvalidLevel};
-use embassy_stm32::usart::UartTx;
-use embassy_stm32::{Config, bind_interrupts, dma, mode, peripherals, rcc};
-use keygraph_boards::sensor::{HEIGHT, WIDTH};
+use embassy_stm32::dcmi::{self, HSyncDataInvalidLevel, VSyncDataInvalidLevel};
+use embassy_stm32::rcc::{Pll, PllDiv, PllMul, PllPreDiv, PllSource};
+use embassy_stm32::{bind_interrupts, dma, peripherals};
 
 bind_interrupts!(struct Interrupts {
     DCMI => dcmi::InterruptHandler<peripherals::DCMI>;
     DMA2_STREAM1 => dma::InterruptHandler<peripherals::DMA2_CH1>;
 });
 
-/// The raw frame: whole lines of the data cache.
-#[repr(C, align(32))]
-pub struct Buffer([u32; WIDTH * HEIGHT / 2]);
-
-/// 400 MHz from the internal oscillator of 64 MHz.
-fn clocks() -> Config {
-    use rcc::{AHBPrescaler, APBPrescaler, HSIPrescaler, Pll, PllDiv, PllMul, PllPreDiv, PllSource, Sysclk};
-    let mut config = Config::default();
-    config.rcc.hsi = Some(HSIPrescaler::DIV1);
-    config.rcc.pll1 = Some(Pll {
-        source: PllSource::HSI,
-        prediv: PllPreDiv::DIV4,
-        mul: PllMul::MUL50,
-        fracn: None,
-        divp: Some(PllDiv::DIV2),
-        divq: Some(PllDiv::DIV8),
-        divr: None,
-    });
-    config.rcc.sys = Sysclk::PLL1_P;
-    config.rcc.ahb_pre = AHBPrescaler::DIV2;
-    (config.rcc.apb1_pre, config.rcc.apb2_pre) = (APBPrescaler::DIV2, APBPrescaler::DIV2);
-    (config.rcc.apb3_pre, config.rcc.apb4_pre) = (APBPrescaler::DIV2, APBPrescaler::DIV2);
-    config.rcc.voltage_scale = rcc::VoltageScale::Scale1;
-    config
-}
-
-/// A serial port that takes text.
-pub struct Port(UartTx<'static, mode::Blocking>);
-
-impl Write for Port {
-    fn write_str(&mut self, text: &str) -> fmt::Result {
-        self.0.blocking_write(text.as_bytes()).map_err(|_| fmt::Error)
-    }
-}
-
-/// The camera: its pins, and the clock that it is given.
-pub type Camera = Dcmi<'static, peripherals::DCMI>;
+/// 400 MHz of 64 MHz.
+const PLL: Pll = Pll {
+    source: PllSource::HSI,
+    prediv: PllPreDiv::DIV4,
+    mul: PllMul::MUL50,
+    fracn: None,
+    divp: Some(PllDiv::DIV2),
+    divq: Some(PllDiv::DIV8),
+    divr: None,
+};
 
 /// Levels of the camera's lines while nothing is valid.
 fn levels() -> dcmi::Config {
@@ -66,10 +36,7 @@ fn levels() -> dcmi::Config {
 
 #[rtic::app(device = embassy_stm32::pac, peripherals = false, dispatchers = [UART7])]
 mod app {
-    use core::fmt::Write;
-
-    use cortex_m::peripheral::{DWT, SCB};
-    use embassy_futures::join::join;
+    use cortex_m::peripheral::DWT;
     use embassy_stm32::gpio::{Level, Output, OutputType, Speed};
     use embassy_stm32::i2c::{self, I2c};
     use embassy_stm32::time::{khz, mhz};
@@ -77,13 +44,13 @@ mod app {
     use embassy_stm32::timer::simple_pwm::{PwmPin, SimplePwm};
     use embassy_stm32::usart::{self, UartTx};
     use keygraph_boards::MODEL;
-    use keygraph_boards::search::{begin, finish, report};
+    use keygraph_boards::search::{complain, serve};
     use keygraph_boards::sensor::{HEIGHT, Ov7725, Sensor, WIDTH};
-    use keygraph_core::{Frame, Model, QvgaDetector};
+    use keygraph_boards::stm32h7::{Buffer, Cached, Port, clocks};
+    use keygraph_core::{Model, QvgaDetector};
     use static_cell::ConstStaticCell;
-    use zerocopy::IntoBytes;
 
-    use super::{Buffer, Camera, Interrupts, Port, clocks, levels};
+    use super::{Interrupts, PLL, levels};
     use embassy_stm32::dcmi::Dcmi;
 
     // All bytes of both are zero: they lie in .bss, and never on the stack.
@@ -95,14 +62,13 @@ mod app {
 
     #[local]
     struct Local {
-        camera: Camera,
-        cache: SCB,
+        camera: Cached,
         port: Port,
     }
 
     #[init]
     fn init(context: init::Context) -> (Shared, Local) {
-        let p = embassy_stm32::init(clocks());
+        let p = embassy_stm32::init(clocks(PLL));
         let mut core = context.core;
         core.SCB.enable_icache();
         core.SCB.enable_dcache(&mut core.CPUID);
@@ -127,8 +93,7 @@ mod app {
         let mut bus = I2c::new_blocking(p.I2C1, p.PB8, p.PB9, settings);
         match Ov7725::start(&mut bus) {
             Ok(()) => look::spawn().expect("it runs once"),
-            // Nobody listens if this fails.
-            Err(error) => drop(writeln!(port, "error: {error}\r")),
+            Err(error) => complain(&mut port, &error),
         }
         let camera = Dcmi::new_8bit(
             p.DCMI,
@@ -147,35 +112,18 @@ mod app {
             p.PA6,
             levels(),
         );
-        (Shared {}, Local { camera, cache: core.SCB, port })
+        (Shared {}, Local { camera: Cached { camera, cache: core.SCB }, port })
     }
 
     /// Searches every frame.
-    #[task(local = [camera, cache, port], priority = 1)]
+    #[task(local = [camera, port], priority = 1)]
     async fn look(context: look::Context) {
-        let look::LocalResources { camera, cache, port, .. } = context.local;
+        let look::LocalResources { camera, port, .. } = context.local;
         let mut clock = || u64::from(DWT::cycle_count());
         let Ok(model) = Model::parse(MODEL) else {
-            let _ = writeln!(port, "error: the model is damaged: build it in again\r");
-            return;
+            return complain(port, &"the model is damaged: build it in again");
         };
         let (detector, Buffer(buffer)) = (DETECTOR.take(), BUFFER.take());
-        let mut arrived = camera.capture(buffer).await;
-        for number in 0_u32.. {
-            if arrived.is_err() {
-                // The next frame is a new chance.
-                let _ = writeln!(port, "{number} lost\r");
-                arrived = camera.capture(buffer).await;
-                continue;
-            }
-            // SAFETY: the buffer fills whole lines of the cache, and nothing has been written to it since the DMA
-            // began: no line holds what memory does not.
-            unsafe { cache.invalidate_dcache_by_slice(buffer) };
-            let frame = Frame::new(Ov7725::FORMAT, WIDTH, HEIGHT, buffer.as_bytes()).expect("the mode is a constant");
-            let mut search = begin(detector, &model, &frame, &mut clock).expect("the frame fits the profile");
-            // The frame has been read: the next one arrives in its buffer.
-            (arrived, _) = join(camera.capture(buffer), finish(&mut search, &mut clock)).await;
-            let _ = report(port, number, &model, &search);
-        }
+        serve::<Ov7725>(camera, buffer, (detector, &model), port, &mut clock).await;
     }
 }

@@ -10,7 +10,6 @@ use core::fmt::{self, Write};
 
 use cortex_m::peripheral::DWT;
 use embassy_executor::Spawner;
-use embassy_futures::join::join;
 use embassy_rp::i2c::{self, I2c};
 use embassy_rp::pio::program::pio_asm;
 use embassy_rp::pio::{self, Pio, ShiftConfig, ShiftDirection, StateMachine};
@@ -18,11 +17,10 @@ use embassy_rp::pwm::{self, Pwm};
 use embassy_rp::uart::{self, UartTx};
 use embassy_rp::{bind_interrupts, dma, peripherals};
 use keygraph_boards::MODEL;
-use keygraph_boards::search::{begin, finish, report};
+use keygraph_boards::search::{Camera, complain, serve};
 use keygraph_boards::sensor::{HEIGHT, Hm01b0, Sensor, WIDTH};
-use keygraph_core::{Frame, Model, QvgaDetector};
+use keygraph_core::{Model, QvgaDetector};
 use static_cell::ConstStaticCell;
-use zerocopy::IntoBytes;
 
 bind_interrupts!(struct Interrupts {
     PIO0_IRQ_0 => pio::InterruptHandler<peripherals::PIO0>;
@@ -47,16 +45,15 @@ impl Write for Port {
 
 /// The camera's pins: a state machine of the PIO waits for a frame, and takes eight bits at each rising edge of the
 /// pixel clock while a row is valid.
-struct Camera {
+struct Pins {
     machine: StateMachine<'static, peripherals::PIO0, 0>,
     dma: dma::Channel<'static>,
     /// The first instruction of the program.
     start: u8,
 }
 
-impl Camera {
-    /// Waits for the next frame.
-    async fn capture(&mut self, buffer: &mut [u32]) {
+impl Camera for Pins {
+    async fn capture(&mut self, buffer: &mut [u32]) -> bool {
         // What came after the last frame is dropped, and the program waits for the start of one again.
         self.machine.set_enable(false);
         self.machine.clear_fifos();
@@ -65,6 +62,11 @@ impl Camera {
         unsafe { self.machine.exec_jmp(self.start) };
         self.machine.set_enable(true);
         self.machine.rx().dma_pull(&mut self.dma, buffer, false).await;
+        true
+    }
+
+    fn refresh(&mut self, _: &mut [u32]) {
+        // There is no cache before the RAM.
     }
 }
 
@@ -125,21 +127,8 @@ async fn main(_spawner: Spawner) {
     settings.fifo_join = pio::FifoJoin::RxOnly;
     machine.set_config(&settings);
     machine.set_pin_dirs(pio::Direction::In, &pins);
-    let mut camera = Camera { machine, dma: dma::Channel::new(p.DMA_CH0, Interrupts), start: loaded.origin };
+    let mut camera = Pins { machine, dma: dma::Channel::new(p.DMA_CH0, Interrupts), start: loaded.origin };
 
     let (detector, buffer) = (DETECTOR.take(), BUFFER.take());
-    camera.capture(buffer).await;
-    for number in 0_u32.. {
-        let frame = Frame::new(Hm01b0::FORMAT, WIDTH, HEIGHT, buffer.as_bytes()).expect("the mode is a constant");
-        let mut search = begin(detector, &model, &frame, &mut clock).expect("the frame fits the profile");
-        // The frame has been read: the next one arrives in its buffer.
-        join(camera.capture(buffer), finish(&mut search, &mut clock)).await;
-        // Nobody listens if this fails.
-        let _ = report(&mut port, number, &model, &search);
-    }
-}
-
-/// Says what is wrong.
-fn complain(port: &mut Port, error: &dyn fmt::Display) {
-    let _ = writeln!(port, "error: {error}\r");
+    serve::<Hm01b0>(&mut camera, buffer, (detector, &model), &mut port, &mut clock).await;
 }

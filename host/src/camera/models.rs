@@ -32,7 +32,7 @@ use crate::learn::merge;
 use crate::output::{check_name, plain};
 
 /// Maximum number of models.
-const MOST: usize = 64;
+pub const MOST: usize = 64;
 /// Maximum size of all models together in bytes for which a merge saves no memory.
 const LITTLE: usize = 16 << 20;
 /// Maximum time for which a merge waits until the search has given the merged model back.
@@ -65,17 +65,14 @@ enum Place {
 }
 
 impl Entry {
-    /// A model of `bytes`, which are those of the file `opened`, if there is one: then they do not stay in
-    /// memory.
-    fn new(name: &str, bytes: Vec<u8>, file: Option<PathBuf>, opened: Option<File>) -> Result<Self> {
-        let model = Model::parse(&bytes)?;
-        let objects = (0..model.objects()).map(|i| model.object(i));
-        let objects = objects.map(|o| json!({"name": o.name, "width": o.width, "height": o.height})).collect();
+    /// A model with these objects and `bytes`, which are those of the file `opened`, if there is one: then they
+    /// do not stay in memory.
+    fn new(name: &str, objects: Value, bytes: Vec<u8>, file: Option<PathBuf>, opened: Option<File>) -> Self {
         let length = bytes.len();
         // Nobody has exchanged it since it was read.
         let opened = opened.filter(|file| file.metadata().is_ok_and(|m| m.len() == length as u64));
         let place = opened.map_or_else(|| Place::Memory(Arc::new(bytes)), |file| Place::File(Arc::new(file)));
-        Ok(Self { id: 0, name: name.to_string(), length, file, sha256: None, objects, place })
+        Self { id: 0, name: name.to_string(), length, file, sha256: None, objects, place }
     }
 
     /// An ordered model, for [`Models::exchange`]: `bytes` with this `sha256`, which are those of the file
@@ -84,7 +81,8 @@ impl Entry {
     /// # Errors
     /// When the model is damaged.
     pub fn ordered(name: &str, sha256: &str, bytes: Vec<u8>, opened: Option<File>) -> Result<Self> {
-        Ok(Self { sha256: Some(sha256.to_string()), ..Self::new(name, bytes, None, opened)? })
+        let objects = objects_of(&Model::parse(&bytes)?);
+        Ok(Self { sha256: Some(sha256.to_string()), ..Self::new(name, objects, bytes, None, opened) })
     }
 
     /// The bytes of the model.
@@ -240,6 +238,7 @@ impl Models {
         K: FnOnce(&[u8]) -> Result<(Option<PathBuf>, Option<File>)>,
     {
         let model = Model::parse(&bytes)?;
+        let objects = objects_of(&model);
         let _writing = self.writing.lock().unwrap_or_else(PoisonError::into_inner);
         let (count, last) = {
             let content = self.lock();
@@ -251,7 +250,7 @@ impl Models {
             packed_len(&[Model::parse(&last)?, model]).context("the models do not go together")?;
         }
         let (file, opened) = keep(&bytes)?;
-        let mut entry = Entry::new(name, bytes, file, opened)?;
+        let mut entry = Entry::new(name, objects, bytes, file, opened);
         let mut content = self.lock();
         entry.id = content.next_id;
         content.entries.push(entry.clone());
@@ -416,6 +415,12 @@ impl Models {
         };
         entries.iter().map(line).collect()
     }
+}
+
+/// The objects of a model, for the page.
+fn objects_of(model: &Model<'_>) -> Value {
+    let objects = (0..model.objects()).map(|i| model.object(i));
+    objects.map(|o| json!({"name": o.name, "width": o.width, "height": o.height})).collect()
 }
 
 /// The size of all models together in bytes.

@@ -7,14 +7,14 @@ use std::slice;
 use anyhow::{Context, Result};
 use clap::error::ErrorKind;
 use keygraph::advice;
-use keygraph::learn::{Preset, has_colour, train};
+use keygraph::learn::{Plan, train};
 use keygraph::output::plain;
 use keygraph::picture::read_framed;
 use keygraph_core::Model;
 
 use super::detect::{Search, search};
 use super::model_files::is_model;
-use super::train::name_of;
+use super::train::{check_colour, name_of};
 use super::usage_error;
 
 /// Arguments of `keygraph find`.
@@ -47,12 +47,10 @@ fn learnt(path: &Path) -> Result<Vec<u8>> {
     for said in advice::framing(&framed, path, None) {
         eprintln!("keygraph: {}", plain(&said));
     }
-    if !has_colour(&framed.picture) {
-        eprintln!("keygraph: {label} has no colour: trained on luma alone");
-    }
-    let trained = train(&framed.picture, &name_of(path), Preset::Large, false);
+    let (plan, name) = (Plan::default(), name_of(path));
+    check_colour(&framed.picture, &label, &plan)?;
+    let trained = train(&framed.picture, &name, plan.preset, plan.luma);
     let (bytes, trained) = trained.with_context(|| format!("cannot train on {label}"))?;
-    let name = name_of(path);
     for said in advice::of_model(&label, &name, &framed.picture, &Model::parse(&bytes)?, &trained)? {
         eprintln!("keygraph: {}", plain(&said));
     }

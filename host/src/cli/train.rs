@@ -136,7 +136,7 @@ fn train_from_camera(arguments: &Arguments, beside: &[Vec<u8>]) -> Result<()> {
 }
 
 /// Warns that a picture has no colour, or refuses it where the preset needs colour.
-fn check_colour(picture: &Picture, label: &str, plan: &Plan) -> Result<()> {
+pub fn check_colour(picture: &Picture, label: &str, plan: &Plan) -> Result<()> {
     match (has_colour(picture), plan.preset) {
         (false, Preset::Paper) if !plan.luma => {
             bail!("{label} has no colour, which the paper's features are made of: use another preset");

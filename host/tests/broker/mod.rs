@@ -1,7 +1,6 @@
 //! A real broker, Mosquitto, what a subscriber receives from it, and certificates.
 //!
 //! In: a port. Out: messages, each of them checked against `docs/schema/mqtt.json`.
-#![allow(dead_code, reason = "each test file uses its own part")]
 
 use std::io::{BufRead, BufReader, Write};
 use std::net::{TcpListener, TcpStream};
@@ -112,7 +111,7 @@ impl Subscriber {
         Self::with(port, &[])
     }
 
-    /// The same with more arguments of `mosquitto_sub`.
+    /// Subscribes with more arguments of `mosquitto_sub`.
     pub fn with(port: u16, arguments: &[&str]) -> Self {
         let mut child = Command::new("mosquitto_sub")
             .args(["-h", "127.0.0.1", "-p", &port.to_string()])

@@ -23,7 +23,7 @@ use crate::output::write_file;
 /// The file of the last order that was carried out.
 const ORDER: &str = "order.json";
 
-/// Those who carry out orders.
+/// Keeps the models of orders, and the order that is run.
 #[derive(Debug)]
 pub struct Fleet {
     folder: Option<PathBuf>,

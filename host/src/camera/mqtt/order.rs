@@ -12,10 +12,9 @@ use percent_encoding::{AsciiSet, NON_ALPHANUMERIC, utf8_percent_encode};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
+use super::super::models::MOST;
 use crate::output::check_name;
 
-/// Maximum number of models of an order.
-const MOST: usize = 64;
 /// Maximum size of a model, bytes.
 const MOST_BYTES: u64 = 1 << 30;
 /// Maximum number of characters of a version.

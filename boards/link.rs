@@ -1,4 +1,4 @@
-//! Gives the linker the memory of the board.
+//! Gives the linker the memory of a board: the build script of each firmware.
 
 use std::path::PathBuf;
 use std::{env, fs};
