@@ -150,6 +150,7 @@ pub use detect::detector::{
 };
 pub use detect::observer::{Observer, Output, Stats};
 pub use detect::plan::Depth;
+pub use detect::surface::Surface;
 
 // Tracking, and poses in space.
 pub use follow::instance::{State, Track};
@@ -200,7 +201,7 @@ pub mod stages {
         pub use crate::model::train::MAX_VIEW_KEYPOINTS;
     }
 
-    pub use crate::detect::{align, classify, digest, hough, plan, pose, scrutiny, verify, vote};
+    pub use crate::detect::{align, classify, digest, hough, plan, pose, scrutiny, surface, verify, vote};
     /// Appearance of a frame at a pose: whether it looks like the object there.
     pub mod appearance {
         pub use crate::detect::appearance::{appearance, is_plausible};

@@ -17,6 +17,9 @@ use embedded_graphics::primitives::{Circle, PrimitiveStyle, Rectangle};
 use embedded_graphics::text::{Baseline, Text};
 
 pub use crate::canvas::Canvas;
+use keygraph_core::Surface;
+use keygraph_core::stages::surface::SIDE;
+
 use crate::picture::Part;
 
 /// Red, green, blue.
@@ -50,6 +53,8 @@ pub fn colour(index: usize) -> Colour {
 pub struct Outline {
     /// The object's top left, top right, bottom right and bottom left corner, px.
     pub corners: [[f32; 2]; 4],
+    /// The surface on which it lies; `None` where that is a plane.
+    pub surface: Option<Surface>,
     /// The text of the label, such as name and score. Characters outside of ISO 8859-1
     /// become question marks.
     pub label: String,
@@ -62,23 +67,45 @@ fn line_px(canvas: &Canvas) -> u32 {
     (canvas.longer_side() / 300).max(2)
 }
 
-/// Draws the four sides of an outline with a dark rim. A white line runs along the object's
-/// top side, from a dot on its top left corner: it shows the rotation.
+/// Draws the sides of an outline with a dark rim, and the grid of a surface. A white line runs along the
+/// object's top side, from a dot on its top left corner: it shows the rotation.
 pub fn draw_outline(canvas: &mut Canvas, outline: &Outline) {
     let line_px = line_px(canvas);
     let rim_px = (line_px / 2).max(1);
-    let [a, b, c, d] = outline.corners;
-    let sides = [[b, c], [c, d], [d, a], [a, b]];
     let colour = colour(outline.colour_index);
+    let border: Vec<[f32; 2]> = match &outline.surface {
+        None => outline.corners.to_vec(),
+        Some(surface) => {
+            draw_grid(canvas, surface, colour);
+            surface.border().collect()
+        }
+    };
+    // The top side comes last.
+    let (n, top) = (border.len(), border.len() / 4);
+    let sides: Vec<_> = (top..n + top).map(|i| [border[i % n], border[(i + 1) % n]]).collect();
     for (colour, width_px) in [(DARK, line_px + 2 * rim_px), (colour, line_px)] {
-        for side in sides {
+        for &side in &sides {
             stroke(canvas, side, colour, width_px);
         }
     }
-    stroke(canvas, [a, b], WHITE, line_px.div_ceil(2));
+    for &side in &sides[n - top..] {
+        stroke(canvas, side, WHITE, line_px.div_ceil(2));
+    }
+    let a = border[0];
     disc(canvas, a, DARK, 3 * line_px + 2 * rim_px);
     disc(canvas, a, colour, 3 * line_px);
     disc(canvas, a, WHITE, 2 * line_px);
+}
+
+/// Draws the lines of a surface's grid.
+fn draw_grid(canvas: &mut Canvas, surface: &Surface, colour: Colour) {
+    for (i, &p) in surface.points.iter().enumerate() {
+        let right = (i % SIDE + 1 < SIDE).then_some(i + 1);
+        let below = (i + SIDE < surface.points.len()).then_some(i + SIDE);
+        for next in [right, below].into_iter().flatten() {
+            stroke(canvas, [p, surface.points[next]], colour, 1);
+        }
+    }
 }
 
 /// Writes the label on a filled box above the object's highest corner, or as near to it as
@@ -283,7 +310,7 @@ mod tests {
     }
 
     fn outline(corners: [[f32; 2]; 4]) -> Outline {
-        Outline { corners, label: "box 0.93".into(), colour_index: 0 }
+        Outline { corners, surface: None, label: "box 0.93".into(), colour_index: 0 }
     }
 
     fn pixel(canvas: &Canvas, x: u32, y: u32) -> Colour {

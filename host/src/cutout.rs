@@ -10,7 +10,7 @@
 
 use anyhow::{Result, bail, ensure};
 use keygraph_core::stages::geometry::{area, is_convex};
-use keygraph_core::{Detection, Homography};
+use keygraph_core::{Detection, Homography, Surface};
 
 use crate::canvas::Canvas;
 use crate::picture::{Picture, Pixels};
@@ -60,16 +60,18 @@ pub fn cut_out(frame: &Picture, outline: &Outline) -> Result<Picture> {
     Ok(gather(frame, size.map(to_px), |rgb, p| sample(rgb, size_px, onto_frame.apply(p))))
 }
 
-/// The object of a detection in `frame` as it looks flat: its picture of `size` px as the frame shows it, enlarged where
-/// the frame shows more of it, to at most `MOST_PX` px. What lies outside of the frame is white.
+/// The object of a detection in `frame` as it looks flat: its picture of `size` px as the frame shows it, on a
+/// plane or on a surface, enlarged where the frame shows more of it, to at most `MOST_PX` px. What lies outside of
+/// the frame is white.
 #[must_use]
-pub fn rectify(frame: &Picture, d: &Detection, size: (u32, u32)) -> Picture {
+pub fn rectify(frame: &Picture, d: &Detection, surface: Option<&Surface>, size: (u32, u32)) -> Picture {
     let [w, h] = [size.0, size.1].map(|v| v.max(1) as f32);
     let (shown, most) = ((area(&d.corners).abs() / (w * h)).sqrt(), (MOST_PX / (w * h)).sqrt());
     let scale = if shown.is_finite() { shown.max(1.0).min(most) } else { 1.0 };
     let (fw, fh) = (frame.width as usize, frame.height as usize);
     gather(frame, [w, h].map(|v| to_px(v * scale).max(1)), |rgb, p| {
-        let [x, y] = d.homography.apply(p.map(|v| v / scale));
+        let p = p.map(|v| v / scale);
+        let [x, y] = surface.map_or_else(|| d.homography.apply(p), |s| s.at([p[0] / w, p[1] / h]));
         let is_inside = (-0.5..fw as f32).contains(&x) && (-0.5..fh as f32).contains(&y);
         if is_inside { sample(rgb, (fw, fh), [x, y]) } else { [255; 3] }
     })

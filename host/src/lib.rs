@@ -45,6 +45,7 @@ pub mod video;
 pub mod progress;
 pub mod sensor;
 pub mod region;
+pub mod request;
 pub mod search;
 pub mod trail;
 pub mod margins;

@@ -2,6 +2,7 @@
 //!
 //! In: results of a command. Out: JSON values. Memory and cost: the text.
 
+use keygraph_core::stages::surface::SIDE;
 use keygraph_core::{Detection, Model, PlanePose, Pose, Stage, State, Track};
 use serde_json::{Map, Value, json};
 
@@ -114,6 +115,10 @@ pub fn detection_entry(model: &Model<'_>, found: &Found, index: usize) -> Value 
     let track = found.tracking.as_ref().map(|t| t.seen[index]);
     let state = track.map_or(State::Found, |(_, state)| state);
     let mut entry = detection_object(model, &found.detections[index], state);
+    if let Some(Some(surface)) = found.surfaces.get(index) {
+        let points: Vec<_> = surface.points.iter().map(|p| p.map(|v| rounded(v, 3))).collect();
+        entry["surface"] = json!({ "cols": SIDE, "rows": SIDE, "points": points });
+    }
     if let Some(rivals) = found.rivals.get(index) {
         let name = |&(object, score): &(u16, f32)| json!({"object": model.object(usize::from(object)).name, "score": rounded(score, 6)});
         entry["rivals"] = rivals.iter().map(name).collect();

@@ -204,8 +204,9 @@ fn search_one(
             let o = model.object(usize::from(d.object));
             (o.width, o.height)
         };
-        let shown = found.detections.iter().filter(|_| options.rectify);
-        let flat = shown.map(|d| rectify(&p, d, size(d))).collect();
+        let shown = found.detections.iter().enumerate().filter(|_| options.rectify);
+        let surface = |i: usize| found.surfaces.get(i).and_then(Option::as_ref);
+        let flat = shown.map(|(i, d)| rectify(&p, d, surface(i), size(d))).collect();
         Ok(Searched { size: (p.width, p.height), found, poses, canvas, flat })
     });
     Outcome { source, frame, kind, result }
@@ -226,6 +227,7 @@ pub fn draw(picture: &Picture, model: &Model<'_>, found: &Found) -> Canvas {
         .enumerate()
         .map(|(i, d)| Outline {
             corners: d.corners,
+            surface: found.surfaces.get(i).copied().flatten(),
             label: {
                 let id = found.tracking.as_ref().map_or_else(String::new, |t| format!(" #{}", t.seen[i].0));
                 format!("{}{id} {:.2}", plain(model.object(usize::from(d.object)).name), d.score)

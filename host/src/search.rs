@@ -14,54 +14,14 @@ use keygraph_core::stages::digest::Digests;
 use keygraph_core::stages::shrink::shrink;
 use keygraph_core::{
     Buffer, Depth, Detection, Detector, Frame, FrameError, HdDetector, Homography, Model, Observer, Output,
-    PixelFormat, QqvgaDetector, QvgaDetector, Room, State, Stats, Track, Tracker, VgaDetector,
+    PixelFormat, QqvgaDetector, QvgaDetector, State, Stats, Surface, Track, Tracker, VgaDetector,
 };
 
 use crate::input::{Picture, Pixels};
 use crate::picture::{Part, mirror_rows};
-use crate::region::{Region, Unsuitable};
+use crate::region::Unsuitable;
+pub use crate::request::{Profile, Request, Shape, depth_of, parse_budget, parse_share, parse_threshold};
 use crate::sensor::sense;
-
-/// A frame size that detectors are built for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-pub enum Profile {
-    /// 1280 x 720 px, 12 MB of memory.
-    Hd,
-    /// 640 x 480 px, 4 MB of memory.
-    Vga,
-    /// 320 x 240 px, 480 KB of memory.
-    Qvga,
-    /// 160 x 120 px, 160 KB of memory.
-    Qqvga,
-}
-
-impl Profile {
-    /// The profiles, with the names that the command line and the bindings give them.
-    pub const NAMED: [(&'static str, Self); 4] =
-        [("hd", Self::Hd), ("vga", Self::Vga), ("qvga", Self::Qvga), ("qqvga", Self::Qqvga)];
-
-    /// Maximum side and maximum number of pixels of a frame.
-    #[must_use]
-    pub const fn limits(self) -> (usize, usize) {
-        match self {
-            Self::Hd => (1280, 1280 * 720),
-            Self::Vga => (640, 640 * 480),
-            Self::Qvga => (320, 320 * 240),
-            Self::Qqvga => (160, 160 * 120),
-        }
-    }
-
-    /// The bytes of the detector, and its buffers.
-    #[must_use]
-    pub const fn memory(self) -> (usize, [Room; Buffer::COUNT]) {
-        match self {
-            Self::Hd => (size_of::<HdDetector>(), keygraph_core::Hd::ROOMS),
-            Self::Vga => (size_of::<VgaDetector>(), keygraph_core::Vga::ROOMS),
-            Self::Qvga => (size_of::<QvgaDetector>(), keygraph_core::Qvga::ROOMS),
-            Self::Qqvga => (size_of::<QqvgaDetector>(), keygraph_core::Qqvga::ROOMS),
-        }
-    }
-}
 
 /// A picture in a format that the core takes, scaled down when it was too large.
 #[derive(Debug)]
@@ -172,6 +132,8 @@ pub struct Found {
     /// For each detection: the other objects that could be at its place, and their scores, best
     /// first. It is empty for a frame of a sequence that was not searched.
     pub rivals: Vec<Vec<(u16, f32)>>,
+    /// For each detection: the surface on which the object lies; `None` where it is a plane.
+    pub surfaces: Vec<Option<Surface>>,
     /// Counts and times of the stages; ticks are nanoseconds.
     pub stats: Stats,
     /// Time from the decoded pixels to the detections, ns.
@@ -213,6 +175,7 @@ impl Found {
         Self {
             detections,
             rivals: Vec::new(),
+            surfaces: Vec::new(),
             stats,
             total_ns: 0,
             corners: Vec::new(),
@@ -245,89 +208,12 @@ impl Found {
         for d in self.all_detections() {
             *d = d.mapped(to_picture);
         }
+        for s in self.surfaces.iter_mut().flatten() {
+            *s = s.mapped(to_picture);
+        }
         let triangles = self.keygraphs.iter_mut().chain(self.supporters.iter_mut().flatten());
         for p in self.corners.iter_mut().chain(triangles.flatten()) {
             *p = to_picture.apply(*p);
-        }
-    }
-}
-
-/// How a frame is searched, and which results are reported.
-#[derive(Clone, Copy, Debug)]
-pub struct Request {
-    /// Size of the detector.
-    pub profile: Profile,
-    /// Minimum score of a detection, 0 to 1.
-    pub threshold: f32,
-    /// Time after which a search is stopped: it then reports what it has found.
-    pub budget: Option<Duration>,
-    /// Minimum share of an object that must be seen, 0 to 1.
-    pub min_visible: f32,
-    /// Whether to report all names at a place, and not the best alone.
-    pub all_names: bool,
-    /// Whether to report corners, keygraphs and supporters.
-    pub details: bool,
-    /// The part of each frame that is searched, at its own resolution; `None` searches all.
-    pub region: Option<Region>,
-    /// Whether frames are mirrored left to right before they are searched. Results stay in px of the
-    /// frame as it came; their homographies have a negative determinant.
-    pub mirror: bool,
-    /// The format of a sensor to which pixels are converted; `None` takes them as they were
-    /// decoded.
-    pub format: Option<PixelFormat>,
-    /// How much of each frame is searched, and for how much of the model.
-    pub depth: Depth,
-    /// Whether to report digests. Frames of a sequence have none.
-    pub digests: bool,
-}
-
-/// Parses the minimum share of an object that must be seen, 0 to 1.
-///
-/// # Errors
-/// When `text` is no number from 0 to 1.
-pub fn parse_share(text: &str) -> Result<f32, String> {
-    text.parse().ok().filter(|v| (0.0..=1.0).contains(v)).ok_or_else(|| "a share lies between 0 and 1".into())
-}
-
-/// Parses the minimum score of a detection, 0 to 1.
-///
-/// # Errors
-/// When `text` is no number from 0 to 1.
-pub fn parse_threshold(text: &str) -> Result<f32, String> {
-    text.parse().ok().filter(|v| (0.0..=1.0).contains(v)).ok_or_else(|| "a score lies between 0 and 1".into())
-}
-
-/// Parses the time of a search, ms.
-///
-/// # Errors
-/// When `text` is no number above 0.
-pub fn parse_budget(text: &str) -> Result<Duration, String> {
-    let ms = text.parse().ok().filter(|ms: &f64| *ms > 0.0 && *ms <= 1e6);
-    ms.map(|ms| Duration::from_secs_f64(ms / 1e3)).ok_or_else(|| "a budget is a number of ms above 0".into())
-}
-
-/// How much is searched with `--thorough`, and without it.
-#[must_use]
-pub const fn depth_of(thorough: bool) -> Depth {
-    if thorough { Depth::Thorough } else { Depth::Usual }
-}
-
-impl Request {
-    /// A request for detections alone, on pixels as they were decoded.
-    #[must_use]
-    pub const fn new(profile: Profile, threshold: f32) -> Self {
-        Self {
-            profile,
-            threshold,
-            budget: None,
-            min_visible: 0.0,
-            all_names: false,
-            details: false,
-            region: None,
-            mirror: false,
-            format: None,
-            depth: Depth::Usual,
-            digests: false,
         }
     }
 }
@@ -395,6 +281,8 @@ pub fn search_frame(
     }
     let found = Found { rivals: rivals_of(detector, &detections), ..Found::new(detections, *detector.stats()) };
     let mut found = Found { digests: watch.digests.take(), high_water: *detector.high_water(), ..found };
+    let surfaces = found.detections.iter().filter(|_| request.shape == Shape::Any);
+    found.surfaces = surfaces.map(|d| detector.surface(model, d, &mut watch)).collect();
     if request.details {
         show_all_of(detector, frame, model, (request, &watch))?;
         found.add_details(detector, model);
@@ -450,6 +338,12 @@ pub fn follow_frame(
             show_all_of(detector, frame, model, (request, &watch))?;
         }
         found.add_details(detector, model);
+    }
+    if request.shape == Shape::Any {
+        // What is seen comes first.
+        for index in 0..found.detections.len() {
+            found.surfaces.push(tracker.surface(detector, frame, model, index, &mut watch)?);
+        }
     }
     let seen = seen.iter().map(|t| (t.id, t.state)).collect();
     found.tracking = Some(Tracking { seen, lost, searched: tracker.searched() });

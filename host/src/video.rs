@@ -175,6 +175,7 @@ mod tests {
         }
         let outline = Outline {
             corners: [[30.0, 30.0], [130.0, 40.0], [120.0, 100.0], [40.0, 90.0]],
+            surface: None,
             label: "test 1.00".into(),
             colour_index: 1,
         };

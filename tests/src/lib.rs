@@ -2,6 +2,7 @@
 //! The places follow `docs/model-format.md`, and do not use the code of core.
 
 pub mod boards;
+pub mod can;
 pub mod motion;
 
 use std::path::{Path, PathBuf};

@@ -11,7 +11,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use keygraph::region::Region;
-use keygraph::search::{Found, Profile, Request, depth_of, follow_frame, search_frame};
+use keygraph::search::{Found, Profile, Request, Shape, depth_of, follow_frame, search_frame};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 
@@ -27,6 +27,12 @@ pub fn profile(name: &str) -> PyResult<Profile> {
     found.ok_or_else(|| {
         PyValueError::new_err(format!("profile: expected \"hd\", \"vga\", \"qvga\" or \"qqvga\", got \"{name}\""))
     })
+}
+
+/// The shapes that objects may have, of these names.
+fn shape(name: &str) -> PyResult<Shape> {
+    let found = Shape::NAMED.iter().find(|(known, _)| *known == name).map(|(_, shape)| *shape);
+    found.ok_or_else(|| PyValueError::new_err(format!("surface: expected \"any\" or \"plane\", got \"{name}\"")))
 }
 
 fn profile_name(profile: Profile) -> &'static str {
@@ -107,6 +113,8 @@ fn answer<'py>(
 ///     roi: Search this part of each frame alone, at its own resolution: (x, y, width, height), each px or
 ///         a string such as `"25%"`. Results stay in px of the whole frame.
 ///     mirror: Search frames mirrored left to right, as those of selfie cameras are.
+///     surface: With `"any"`, an object that a plane does not explain, such as a label on a can, has a
+///         `surface`; with `"plane"` none has.
 ///     digests: Report a digest of each stage's output in `to_dict()`, to compare machines by.
 #[pyclass(frozen, module = "keygraph")]
 #[derive(Debug)]
@@ -119,7 +127,7 @@ pub struct Detector {
 #[pymethods]
 impl Detector {
     #[new]
-    #[pyo3(signature = (models, profile="vga", threshold=0.8, *, min_visible=0.0, thorough=false, all_names=false, budget_ms=None, roi=None, mirror=false, digests=false))]
+    #[pyo3(signature = (models, profile="vga", threshold=0.8, *, min_visible=0.0, thorough=false, all_names=false, budget_ms=None, roi=None, mirror=false, surface="any", digests=false))]
     #[allow(clippy::too_many_arguments, reason = "the arguments of Python, which have names")]
     fn new(
         py: Python<'_>,
@@ -132,12 +140,14 @@ impl Detector {
         budget_ms: Option<f64>,
         roi: Option<&Bound<'_, PyAny>>,
         mirror: bool,
+        surface: &str,
         digests: bool,
     ) -> PyResult<Self> {
         let request = Request {
             min_visible: share("min_visible", min_visible)?,
             depth: depth_of(thorough),
             all_names,
+            shape: shape(surface)?,
             budget: budget_ms.map(budget).transpose()?,
             region: roi.map(region).transpose()?,
             mirror,
@@ -232,6 +242,8 @@ struct Trail {
 ///     roi: Search this part of each frame alone, at its own resolution: (x, y, width, height), each px or
 ///         a string such as `"25%"`. Results stay in px of the whole frame.
 ///     mirror: Search frames mirrored left to right, as those of selfie cameras are.
+///     surface: With `"any"`, an object that a plane does not explain, such as a label on a can, has a
+///         `surface`; with `"plane"` none has.
 #[pyclass(frozen, module = "keygraph")]
 #[derive(Debug)]
 pub struct Tracker {
@@ -243,7 +255,7 @@ pub struct Tracker {
 #[pymethods]
 impl Tracker {
     #[new]
-    #[pyo3(signature = (models, profile="vga", threshold=0.8, *, min_visible=0.0, thorough=false, budget_ms=None, roi=None, mirror=false))]
+    #[pyo3(signature = (models, profile="vga", threshold=0.8, *, min_visible=0.0, thorough=false, budget_ms=None, roi=None, mirror=false, surface="any"))]
     #[allow(clippy::too_many_arguments, reason = "the arguments of Python, which have names")]
     fn new(
         py: Python<'_>,
@@ -255,9 +267,12 @@ impl Tracker {
         budget_ms: Option<f64>,
         roi: Option<&Bound<'_, PyAny>>,
         mirror: bool,
+        surface: &str,
     ) -> PyResult<Self> {
         let Detector { model, request, room } =
-            Detector::new(py, models, profile, threshold, min_visible, thorough, false, budget_ms, roi, mirror, false)?;
+Detector::new(
+                py, models, profile, threshold, min_visible, thorough, false, budget_ms, roi, mirror, surface, false,
+            )?;
         let room = room.into_inner().unwrap_or_else(PoisonError::into_inner);
         let trail = Mutex::new(Trail { room, tracker: keygraph_core::Tracker::new(), size: None });
         Ok(Self { model, request, trail })

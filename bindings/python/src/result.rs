@@ -8,8 +8,9 @@ use std::path::PathBuf;
 
 use keygraph::report::{detection_entry, frame_line, lost_entry};
 use keygraph::search::Found;
-use keygraph_core::{Stage, State};
-use numpy::{PyArray1, PyArray2, PyArrayMethods};
+use keygraph_core::stages::surface::SIDE;
+use keygraph_core::{Stage, State, Surface};
+use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::{PyDict, PyList, PyType};
@@ -213,6 +214,16 @@ impl Detection {
         let sides =
             self.core().corners.iter().fold(start, |[l, t, r, b], &[x, y]| [l.min(x), t.min(y), r.max(x), b.max(y)]);
         PyArray1::from_slice(py, &sides)
+    }
+
+    /// Where the picture lies when a plane does not explain what is seen, such as a label on a can: array of
+    /// shape (9, 9, 2), float32, points of the picture row by row, px of the frame. `None` for a plane.
+    #[getter]
+    fn surface<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray3<f32>>>> {
+        let Place::Seen(i) = self.place else { return Ok(None) };
+        let surface = self.answer.get().found.surfaces.get(i).and_then(Option::as_ref);
+        let array = |s: &Surface| PyArray1::from_slice(py, s.points.as_flattened()).reshape([SIDE, SIDE, 2]);
+        surface.map(array).transpose()
     }
 
     /// The other objects that could be at this place: their names and scores, best first.

@@ -38,12 +38,40 @@ export function draw(canvas, frame, line, { triangles, votes }) {
     path(line.details.votes, 3);
   }
   for (const found of line.detections) {
+    const outline = found.surface ? border(found.surface) : found.corners;
+    if (found.surface) {
+      stroke(`${colourOf(found.object)}a0`, 1);
+      path(cells(found.surface), 4);
+    }
     stroke("#000a", 6);
-    path(found.corners.flat(), 4);
+    path(outline.flat(), outline.length);
     stroke(colourOf(found.object), 3);
-    path(found.corners.flat(), 4);
+    path(outline.flat(), outline.length);
   }
   for (const found of line.detections) label(context, found, unit);
+}
+
+/** The border of a surface, from the picture's top left clockwise. */
+function border({ cols, rows, points }) {
+  const at = (i, j) => points[j * cols + i];
+  const along = (n, of) => Array.from({ length: n - 1 }, (_, k) => of(k));
+  return [
+    ...along(cols, (k) => at(k, 0)),
+    ...along(rows, (k) => at(cols - 1, k)),
+    ...along(cols, (k) => at(cols - 1 - k, rows - 1)),
+    ...along(rows, (k) => at(0, rows - 1 - k)),
+  ];
+}
+
+/** The corners of the cells of a surface. */
+function cells({ cols, rows, points }) {
+  const corners = [];
+  for (let j = 0; j + 1 < rows; j++) {
+    for (let i = 0; i + 1 < cols; i++) {
+      for (const [x, y] of [[0, 0], [1, 0], [1, 1], [0, 1]]) corners.push(...points[(j + y) * cols + i + x]);
+    }
+  }
+  return corners;
 }
 
 function label(context, found, unit) {

@@ -116,6 +116,8 @@ export interface SearchOptions {
   roi?: string;
   /** Search frames mirrored left to right, as selfie cameras show them. */
   mirror?: boolean;
+  /** Shape that objects may have; with `"any"`, unless given, bent ones have a `surface`. */
+  surface?: "any" | "plane";
   /** Report a digest of each stage's output, to compare machines by. Frames of trackers have none. */
   digests?: boolean;
   /** The camera: fx, fy, cx, cy, px of the frame. With `widthMm`, detections have a pose in space. */
@@ -163,6 +165,11 @@ export interface Detection {
   blocks: number;
   inside: number;
   chroma: number;
+  /**
+   * Where the picture lies when a plane does not explain what is seen: a grid of points of it, row by row, px of
+   * the frame.
+   */
+  surface?: { cols: number; rows: number; points: Point[] };
   /** Other objects that could be at this place. */
   rivals?: { object: string; score: number }[];
   /** With a tracker: the number of the instance. */

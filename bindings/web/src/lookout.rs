@@ -6,7 +6,7 @@
 
 use keygraph::pose::{Calibration, Width};
 use keygraph::report::frame_line;
-use keygraph::search::{Found, Profile, Request, depth_of, search_for};
+use keygraph::search::{Found, Profile, Request, Shape, depth_of, search_for};
 use keygraph::trail::Trail;
 use keygraph_core::{DEFAULT_THRESHOLD, Intrinsics, Model};
 use serde_json::json;
@@ -64,6 +64,7 @@ impl Lookout {
             budget,
             min_visible: share("minVisible", options.min_visible)?,
             all_names: options.all_names,
+            shape: named("surface", &options.surface, &Shape::NAMED)?,
             region: region.map_err(|e| Failure::value(format!("roi: {e}")))?,
             mirror: options.mirror,
             depth: depth_of(options.thorough),

@@ -126,6 +126,9 @@ pub struct Open {
     /// Whether frames are mirrored before they are searched.
     #[serde(default)]
     pub mirror: bool,
+    /// Shape that objects may have.
+    #[serde(default = "any")]
+    pub surface: String,
     /// Whether digests of all stages are reported.
     #[serde(default)]
     pub digests: bool,
@@ -168,6 +171,10 @@ fn object() -> String {
 
 fn large() -> String {
     "large".into()
+}
+
+fn any() -> String {
+    "any".into()
 }
 
 fn vga() -> String {

@@ -23,9 +23,6 @@ use crate::image::plane::{Plane, nearest};
 use crate::image::pyramid::{PyramidView, into_level, out_of_level};
 use crate::model::parse::Template;
 
-/// Minimum spread of a block of the template that counts, gray levels.
-const LEAST_SPREAD: f32 = 5.0;
-
 /// Correlation of the frame with the template, block by block.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -209,9 +206,8 @@ impl Blocks {
             return;
         }
         self.inside += 1;
-        if m.t >= LEAST_SPREAD * LEAST_SPREAD {
-            // A flat block of the frame correlates with nothing.
-            self.values[self.n] = m.tf / math::coarse_sqrt(m.t * m.f.max(4.0));
+        if m.is_textured() {
+            self.values[self.n] = m.correlation();
             self.places[self.n] = place;
             self.n += 1;
         }
@@ -351,12 +347,19 @@ pub(crate) mod tests {
         128.0 + 50.0 * (x * 0.31 + (y * 0.17).sin() * 2.0).sin() + 50.0 * (y * 0.23 + (x * 0.11).cos() * 3.0).sin()
     }
 
-    pub(crate) fn setup(hide: bool) -> (Box<Pyramid<60_000, 15_000>>, Vec<u8>, Homography) {
+    type Setup = (Box<Pyramid<60_000, 15_000>>, Vec<u8>, Homography);
+
+    pub(crate) fn setup(hide: bool) -> Setup {
+        setup_bent(hide, &|place| place)
+    }
+
+    /// The same with a picture that is not flat: `flatten` maps places of the plane to those of the picture.
+    pub(crate) fn setup_bent(hide: bool, flatten: &dyn Fn([f32; 2]) -> [f32; 2]) -> Setup {
         let h = Homography::affine([1.4, 0.3, PLACE[0], -0.3, 1.4, PLACE[1]]);
         let inverse = h.inverse().unwrap();
         let frame: Vec<u8> = (0..WIDTH * HEIGHT)
             .map(|i| {
-                let [x, y] = inverse.apply([(i % WIDTH) as f32, (i / WIDTH) as f32]);
+                let [x, y] = flatten(inverse.apply([(i % WIDTH) as f32, (i / WIDTH) as f32]));
                 let hidden = hide && x < SIDE as f32 / 3.0;
                 (if hidden { 0.0 } else { texture(x, y) * 0.6 } + 10.0) as u8
             })

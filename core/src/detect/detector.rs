@@ -17,6 +17,7 @@ use crate::detect::observer::{Laps, Observer, Output, Stats, Tally, passed};
 use crate::detect::plan::{Depth, Plan, Scope, Wish};
 use crate::detect::scene::{Context, Scene, span, vertices};
 use crate::detect::search::{Place, Search};
+use crate::detect::surface::{self, Surface};
 use crate::extract::corners::SCRATCH_ROWS;
 use crate::image::frame::{Frame, FrameError, Window};
 use crate::image::pyramid::{PyramidMut, PyramidView, to_level0};
@@ -296,6 +297,23 @@ impl<P: Profile + ?Sized> Detector<P> {
     /// The detections that `detection` has beaten, in no order.
     pub fn rivals<'a>(&'a self, detection: &'a Detection) -> impl Iterator<Item = &'a Detection> {
         self.beaten().iter().filter(|d| d.is_rival(detection))
+    }
+
+    /// The surface on which the object of a detection in the last frame lies; `None` when a plane explains
+    /// what is seen as well, and when `observer` says to stop. It takes about as long as a search that finds an
+    /// object; where the object is seen wholly on a plane, no time.
+    pub fn surface(&self, model: &Model<'_>, d: &Detection, observer: &mut dyn Observer) -> Option<Surface> {
+        surface::fit(&self.frame(), &model.object(usize::from(d.object)), d, None, &mut Laps::new(observer))
+    }
+
+    /// Writes what the last frame shows on a surface as it looks flat: `width` x `height` px of luma, row by row, to
+    /// the start of `out`. What lies outside of the frame is white. After a [`Tracker`](crate::Tracker) has followed
+    /// its objects, the last frame is the part of one.
+    ///
+    /// # Panics
+    /// When `out` is too short.
+    pub fn flatten(&self, surface: &Surface, [width, height]: [usize; 2], out: &mut [u8]) {
+        surface::flatten(&self.frame().luma(0), surface, [width, height], &mut out[..width * height]);
     }
 
     /// Counts and times of the stages for the last frame.

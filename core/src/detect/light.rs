@@ -10,6 +10,9 @@ use crate::base::math;
 /// Number of blocks in each direction.
 pub(crate) const BLOCKS: usize = 6;
 
+/// Minimum spread of a block of the template that counts, gray levels.
+const LEAST_SPREAD: f32 = 5.0;
+
 /// Moments of a correlation.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Moments {
@@ -30,6 +33,18 @@ impl Moments {
         let k = 1.0 / n.max(1.0);
         let mean = [t * k, f * k];
         Self { n, mean, t: tt * k - mean[0] * mean[0], f: ff * k - mean[1] * mean[1], tf: tf * k - mean[0] * mean[1] }
+    }
+
+    /// Whether the template has enough texture for a correlation.
+    #[inline(always)]
+    pub(crate) fn is_textured(&self) -> bool {
+        self.t >= LEAST_SPREAD * LEAST_SPREAD
+    }
+
+    /// Correlation of template and frame, -1 to 1. A flat block of the frame correlates with nothing.
+    #[inline(always)]
+    pub(crate) fn correlation(&self) -> f32 {
+        self.tf / math::coarse_sqrt(self.t * self.f.max(4.0))
     }
 }
 

@@ -16,6 +16,8 @@ pub mod align;
 pub mod detection;
 pub mod outline;
 pub mod scrutiny;
+pub mod bend;
+pub mod surface;
 pub mod belief;
 pub mod observer;
 pub mod finder;

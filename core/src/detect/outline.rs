@@ -151,7 +151,7 @@ impl Overlaid<'_> {
             }
         }
         let m = Moments::new(sums);
-        if m.n < 0.6 * all || m.t < 16.0 { f32::NAN } else { m.tf / math::coarse_sqrt(m.t * m.f.max(4.0)) }
+        if m.n < 0.6 * all || m.t < 16.0 { f32::NAN } else { m.correlation() }
     }
 }
 

@@ -368,9 +368,9 @@ impl Fit {
     }
 }
 
-/// Solves the first `n` symmetric equations by elimination. `m` holds their upper triangle and
-/// right side. `None` when they are singular.
-pub(crate) fn solve(m: &mut [[f32; 9]; 8], n: usize) -> Option<[f32; 8]> {
+/// Solves the first `n` symmetric equations by elimination. `m` holds their upper triangle and, in its last
+/// column, their right side. `None` when they are singular.
+pub(crate) fn solve<const N: usize, const COLUMNS: usize>(m: &mut [[f32; COLUMNS]; N], n: usize) -> Option<[f32; N]> {
     for i in 0..n {
         let pivot = m[i][i];
         if pivot <= 1e-9 {
@@ -384,10 +384,10 @@ pub(crate) fn solve(m: &mut [[f32; 9]; 8], n: usize) -> Option<[f32; 8]> {
             }
         }
     }
-    let mut x = [0.0; 8];
+    let mut x = [0.0; N];
     for i in (0..n).rev() {
         let known: f32 = (i + 1..n).map(|c| m[i][c] * x[c]).sum();
-        x[i] = (m[i][8] - known) / m[i][i];
+        x[i] = (m[i][COLUMNS - 1] - known) / m[i][i];
     }
     Some(x)
 }

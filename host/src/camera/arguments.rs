@@ -13,7 +13,7 @@ use super::guard::parse_public;
 use super::mode::Format;
 use crate::cutout::{Outline, parse_outline};
 use crate::region::Look;
-use crate::search::{Profile, parse_budget, parse_share, parse_threshold};
+use crate::search::{Profile, Shape, parse_budget, parse_share, parse_threshold};
 
 /// The default address of the page.
 const USUAL_ADDRESS: &str = "127.0.0.1:8080";
@@ -118,6 +118,10 @@ pub struct Arguments {
     /// followed all the same
     #[arg(long, value_name = "MS", value_parser = parse_budget)]
     pub budget_ms: Option<Duration>,
+    /// Shape that objects may have: with `any`, an object that a plane does not explain is laid on a surface
+    /// that bends along one direction, as a label on a can or a page does
+    #[arg(long, value_enum, default_value = "any", value_name = "SHAPE")]
+    pub surface: Shape,
     /// Search all of a frame for all of the models whenever it is searched
     #[arg(long)]
     pub thorough: bool,

@@ -154,6 +154,7 @@ pub fn camera(arguments: &Arguments) -> Result<()> {
         depth: depth_of(arguments.thorough),
         budget: arguments.budget_ms,
         min_visible: arguments.min_visible,
+        shape: arguments.surface,
         region: arguments.look.roi,
         mirror: arguments.look.mirror,
         ..Request::new(arguments.profile, arguments.threshold)

@@ -14,7 +14,7 @@ use keygraph::pose::{Calibration, Width, parse_intrinsics};
 use keygraph::progress::Progress;
 use keygraph::region::{Look, Unsuitable};
 use keygraph::run::{Options, run as search_all};
-use keygraph::search::{Profile, Request, depth_of, parse_budget, parse_share, parse_threshold, search_for};
+use keygraph::search::{Profile, Request, Shape, depth_of, parse_budget, parse_share, parse_threshold, search_for};
 use keygraph::sensor::SensorFormat;
 use keygraph::{report, words};
 use keygraph_core::{DEFAULT_THRESHOLD, Intrinsics, Model};
@@ -73,6 +73,10 @@ pub struct Search {
     /// Report all objects that could be at a place, and not the best alone
     #[arg(long, conflicts_with = "track")]
     all_names: bool,
+    /// Shape that objects may have: with `any`, an object that a plane does not explain is laid on a surface
+    /// that bends along one direction, as a label on a can or a page does
+    #[arg(long, value_enum, default_value = "any", value_name = "SHAPE")]
+    surface: Shape,
     #[command(flatten)]
     threads: Threads,
     /// Search all of each frame for all of the models, and again in tiles: finds small objects, small
@@ -154,6 +158,7 @@ pub fn search(bytes: &[u8], paths: &[PathBuf], arguments: &Search) -> Result<Exi
             budget: arguments.budget_ms,
             min_visible: arguments.min_visible,
             all_names: arguments.all_names,
+            shape: arguments.surface,
             region: arguments.look.roi,
             mirror: arguments.look.mirror,
             format: arguments.format.map(|f| f.0),

@@ -119,6 +119,8 @@ class Detection:
     @property
     def xyxy(self) -> NDArray[np.float32]: ...
     @property
+    def surface(self) -> NDArray[np.float32] | None: ...
+    @property
     def rivals(self) -> list[tuple[str, float]]: ...
     @property
     def id(self) -> int | None: ...
@@ -160,6 +162,7 @@ class Detector:
         budget_ms: float | None = None,
         roi: _Region | None = None,
         mirror: bool = False,
+        surface: Literal["any", "plane"] | str = "any",
         digests: bool = False,
     ) -> Detector: ...
     def detect(
@@ -191,6 +194,7 @@ class Tracker:
         budget_ms: float | None = None,
         roi: _Region | None = None,
         mirror: bool = False,
+        surface: Literal["any", "plane"] | str = "any",
     ) -> Tracker: ...
     def track(
         self,
