@@ -153,6 +153,7 @@ pub use detect::plan::Depth;
 pub use detect::surface::Surface;
 
 // Tracking, and poses in space.
+pub use follow::bent::Surfaces;
 pub use follow::instance::{State, Track};
 pub use follow::schedule::{RECHECK, SEARCH_EVERY};
 pub use follow::track::{LOST_FRAMES, TRACKS, Tracker};

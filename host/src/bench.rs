@@ -12,10 +12,10 @@ use std::time::Instant;
 
 use anyhow::{Result, ensure};
 use keygraph_core::stages::digest::Digest;
-use keygraph_core::{Buffer, Detection, Model, Room, Stage, Tracker};
+use keygraph_core::{Buffer, Detection, Model, Room, Stage};
 
 use crate::input::Picture;
-use crate::search::{Found, Request, follow, prepare, search_for};
+use crate::search::{Follower, Found, Request, follow, prepare, search_for};
 
 /// Times over all frames, ms. The time of a frame is the median of its passes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -183,10 +183,10 @@ fn digest(found: &[Found]) -> u32 {
 
 /// Times the frames as a sequence, with a tracker.
 fn tracked(pictures: &[Picture], model: &Model<'_>, request: &Request) -> Result<Tracking> {
-    let mut tracker = Tracker::new();
+    let mut follower = Follower::default();
     let (mut followed, mut searched) = (Vec::new(), Vec::new());
     for picture in pictures {
-        let found = follow(picture, model, request, 0, &mut tracker)?;
+        let found = follow(picture, model, request, 0, &mut follower)?;
         let searches = found.tracking.is_some_and(|t| t.searched);
         if searches { &mut searched } else { &mut followed }.push(vec![found.total_ns]);
     }

@@ -14,7 +14,7 @@ use keygraph_core::stages::digest::Digests;
 use keygraph_core::stages::shrink::shrink;
 use keygraph_core::{
     Buffer, Depth, Detection, Detector, Frame, FrameError, HdDetector, Homography, Model, Observer, Output,
-    PixelFormat, QqvgaDetector, QvgaDetector, State, Stats, Surface, Track, Tracker, VgaDetector,
+    PixelFormat, QqvgaDetector, QvgaDetector, State, Stats, Surface, Surfaces, Track, Tracker, VgaDetector,
 };
 
 use crate::input::{Picture, Pixels};
@@ -311,6 +311,14 @@ fn rivals_of(detector: &AnyDetector, detections: &[Detection]) -> Vec<Vec<(u16, 
     detections.iter().map(|d| detector.rivals(d).map(|r| (r.object, r.score)).collect()).collect()
 }
 
+/// A tracker, and the surfaces of what it follows.
+#[derive(Debug, Default)]
+pub struct Follower {
+    /// The tracker.
+    pub tracker: Tracker,
+    surfaces: Surfaces,
+}
+
 /// Follows objects into the next frame of a sequence, which fits the detector. The rest is as in
 /// [`search_frame`].
 ///
@@ -318,7 +326,7 @@ fn rivals_of(detector: &AnyDetector, detections: &[Detection]) -> Vec<Vec<(u16, 
 /// When the frame is too large for the detector.
 pub fn follow_frame(
     detector: &mut AnyDetector,
-    tracker: &mut Tracker,
+    follower: &mut Follower,
     frame: &Frame<'_>,
     model: &Model<'_>,
     request: &Request,
@@ -326,6 +334,7 @@ pub fn follow_frame(
     let mut watch = Watch::new(request);
     detector.set_depth(request.depth);
     detector.set_min_visible(request.min_visible);
+    let Follower { tracker, surfaces } = follower;
     let tracks = tracker.track(detector, frame, model, request.threshold, &mut watch)?;
     let (lost, seen): (Vec<Track>, Vec<Track>) = tracks.iter().partition(|t| t.state == State::Lost);
     let mut found = Found::new(seen.iter().map(|t| t.detection).collect(), *tracker.stats());
@@ -340,9 +349,8 @@ pub fn follow_frame(
         found.add_details(detector, model);
     }
     if request.shape == Shape::Any {
-        // What is seen comes first.
-        for index in 0..found.detections.len() {
-            found.surfaces.push(tracker.surface(detector, frame, model, index, &mut watch)?);
+        for track in &seen {
+            found.surfaces.push(surfaces.surface(detector, frame, model, track, &mut watch)?);
         }
     }
     let seen = seen.iter().map(|t| (t.id, t.state)).collect();
@@ -374,8 +382,8 @@ pub fn search_for(picture: &Picture, model: &Model<'_>, request: &Request, slot:
     in_profile(picture, request, slot, |detector, frame| search_frame(detector, frame, model, request))
 }
 
-/// Follows the model's objects into `picture`, the next of a sequence; `tracker` has seen
-/// the pictures before it. Uses the detector of thread `slot`.
+/// Follows the model's objects into `picture`, the next of a sequence; `follower` has
+/// seen the pictures before it. Uses the detector of thread `slot`.
 ///
 /// # Errors
 /// When the picture is too small.
@@ -384,9 +392,9 @@ pub fn follow(
     model: &Model<'_>,
     request: &Request,
     slot: usize,
-    tracker: &mut Tracker,
+    follower: &mut Follower,
 ) -> Result<Found> {
-    in_profile(picture, request, slot, |detector, frame| follow_frame(detector, tracker, frame, model, request))
+    in_profile(picture, request, slot, |detector, frame| follow_frame(detector, follower, frame, model, request))
 }
 
 /// Prepares `picture`, calls `work` with it and with the detector of thread `slot`, and

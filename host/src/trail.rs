@@ -4,31 +4,31 @@
 //! and states. When the sequence changes, the tracker is reset: no object is followed
 //! into the new sequence, and no id is used twice.
 //!
-//! Memory: a tracker, some 19 KB. Cost: that of the tracker.
+//! Memory: a tracker, some 18 KB. Cost: that of the tracker.
 
 use anyhow::Result;
-use keygraph_core::{Model, Tracker};
+use keygraph_core::Model;
 
 use crate::input::Picture;
-use crate::search::{Found, Request, follow};
+use crate::search::{Follower, Found, Request, follow};
 
 /// A tracker, and the sequence in which it follows objects.
 #[derive(Debug)]
 pub struct Trail<S> {
-    tracker: Tracker,
+    follower: Follower,
     sequence: Option<S>,
 }
 
 impl<S> Default for Trail<S> {
     fn default() -> Self {
-        Self { tracker: Tracker::new(), sequence: None }
+        Self { follower: Follower::default(), sequence: None }
     }
 }
 
 impl<S: PartialEq> Trail<S> {
     /// Makes the next frame be searched, even when all objects are in view.
     pub const fn search_next(&mut self) {
-        self.tracker.search_next();
+        self.follower.tracker.search_next();
     }
 
     /// Follows the model's objects into the next picture of `sequence`, and searches it where
@@ -47,9 +47,9 @@ impl<S: PartialEq> Trail<S> {
     ) -> Result<Found> {
         // The sequence is put back below, when the frame was tracked.
         if self.sequence.take().is_none_or(|before| before != sequence) {
-            self.tracker.reset();
+            self.follower.tracker.reset();
         }
-        let found = follow(picture, model, request, slot, &mut self.tracker)?;
+        let found = follow(picture, model, request, slot, &mut self.follower)?;
         self.sequence = Some(sequence);
         Ok(found)
     }

@@ -24,8 +24,8 @@ use std::path::Path;
 use keygraph::input::{Picture, read_picture};
 use keygraph::learn::{Preset, train};
 use keygraph::render::{RIGHT, corner_error};
-use keygraph::search::{Found, Profile, Request, follow, search};
-use keygraph_core::{DEFAULT_THRESHOLD, Homography, Model, Tracker};
+use keygraph::search::{Follower, Found, Profile, Request, follow, search};
+use keygraph_core::{DEFAULT_THRESHOLD, Homography, Model};
 use keygraph_tests::motion::{Motion, Sequence, astronaut};
 use serde_json::Value;
 
@@ -139,10 +139,10 @@ fn compare(
     shot: impl Fn(usize) -> (Picture, Vec<(Outline, f32)>),
 ) {
     let (mut tracked, mut untracked) = (Tally::default(), Tally::default());
-    let mut tracker = Tracker::new();
+    let mut follower = Follower::default();
     for i in 0..frames {
         let (picture, copies) = shot(i);
-        let f = follow(&picture, model, &Request::new(Profile::Vga, DEFAULT_THRESHOLD), 0, &mut tracker).unwrap();
+        let f = follow(&picture, model, &Request::new(Profile::Vga, DEFAULT_THRESHOLD), 0, &mut follower).unwrap();
         tracked.add(&f, &copies, relative);
         let f = search(&picture, model, Profile::Vga, DEFAULT_THRESHOLD, false, 1).unwrap();
         untracked.add(&f, &copies, relative);
@@ -155,11 +155,11 @@ fn compare(
 /// mean offset.
 fn drift(model: &Model<'_>, picture: &Picture, motion: Motion, noise: f32) {
     let sequence = Sequence::new(picture, motion, noise, 7);
-    let mut tracker = Tracker::new();
+    let mut follower = Follower::default();
     let mut offsets: Vec<Outline> = Vec::new();
     for i in 0..1000 {
         let shot = sequence.shot(i);
-        let f = follow(&shot.picture, model, &Request::new(Profile::Vga, DEFAULT_THRESHOLD), 0, &mut tracker).unwrap();
+        let f = follow(&shot.picture, model, &Request::new(Profile::Vga, DEFAULT_THRESHOLD), 0, &mut follower).unwrap();
         let Some(d) = f.detections.first() else { continue };
         let truth = shot.copies[0].0;
         offsets.push(core::array::from_fn(|i| [0, 1].map(|k| d.corners[i][k] - truth[i][k])));

@@ -7,9 +7,9 @@ use keygraph::cutout::rectify;
 use keygraph::learn::{Preset, train};
 use keygraph::picture::{Picture, Pixels};
 use keygraph::report::frame_line;
-use keygraph::search::{Found, Profile, Request, Shape, follow, search_for};
+use keygraph::search::{Follower, Found, Profile, Request, Shape, follow, search_for};
 use keygraph_core::stages::surface::SIDE;
-use keygraph_core::{DEFAULT_THRESHOLD, Model, Surface, Tracker};
+use keygraph_core::{DEFAULT_THRESHOLD, Model, Surface};
 use keygraph_tests::can::Can;
 use keygraph_tests::motion::{Motion, Sequence, astronaut};
 
@@ -76,10 +76,10 @@ fn what_is_flat_or_said_to_be_flat_has_no_surface() {
 #[test]
 fn a_surface_is_followed_while_the_can_turns() {
     let model = Model::parse(&MODEL).unwrap();
-    let mut tracker = Tracker::new();
+    let mut follower = Follower::default();
     for i in 0..20u8 {
         let can = Can { spin: 0.02 * f32::from(i) - 0.2, lean: 0.01 * f32::from(i), ..can(75.0) };
-        let found = follow(&can.frame(), &model, &request(), 2, &mut tracker).unwrap();
+        let found = follow(&can.frame(), &model, &request(), 2, &mut follower).unwrap();
         let (surface, _) = surfaces(&found);
         let off = error(&surface.unwrap(), &can);
         assert!(off < 0.012, "frame {i}: {off}");

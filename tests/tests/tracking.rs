@@ -8,8 +8,8 @@ use keygraph::input::Picture;
 use keygraph::learn::{Preset, train};
 use keygraph::render::{RIGHT, corner_error};
 use keygraph::report::frame_line;
-use keygraph::search::{Found, Profile, Request, follow, search};
-use keygraph_core::{DEFAULT_THRESHOLD, Model, State, Tracker};
+use keygraph::search::{Follower, Found, Profile, Request, follow, search};
+use keygraph_core::{DEFAULT_THRESHOLD, Model, State};
 use keygraph_tests::motion::{Motion, Sequence, Shot, astronaut};
 
 static PICTURE: LazyLock<Picture> = LazyLock::new(astronaut);
@@ -20,11 +20,11 @@ static MODEL: LazyLock<Vec<u8>> = LazyLock::new(|| train(&PICTURE, "astronaut", 
 fn run(motion: Motion, noise: f32, frames: impl Iterator<Item = usize>, slot: usize) -> Vec<(Shot, Found)> {
     let sequence = Sequence::new(&PICTURE, motion, noise, 7);
     let model = Model::parse(&MODEL).unwrap();
-    let mut tracker = Tracker::new();
+    let mut follower = Follower::default();
     let look = |i| {
         let shot = sequence.shot(i);
         let found =
-            follow(&shot.picture, &model, &Request::new(Profile::Vga, DEFAULT_THRESHOLD), slot, &mut tracker).unwrap();
+            follow(&shot.picture, &model, &Request::new(Profile::Vga, DEFAULT_THRESHOLD), slot, &mut follower).unwrap();
         (shot, found)
     };
     frames.map(look).collect()
@@ -60,14 +60,14 @@ fn a_thousand_frames_do_not_drift() {
     let sequence = Sequence::new(&PICTURE, Motion::Still, 8.0, 7);
     let shots: Vec<Shot> = (0..20).map(|i| sequence.shot(i)).collect();
     let model = Model::parse(&MODEL).unwrap();
-    let mut tracker = Tracker::new();
+    let mut follower = Follower::default();
     let request = Request::new(Profile::Qvga, DEFAULT_THRESHOLD);
     // Returns the mean offset of the corners from the truth over 100 frames.
-    let hundred = |start: usize, tracker: &mut Tracker| {
+    let hundred = |start: usize, follower: &mut Follower| {
         let mut sum = [[0.0; 2]; 4];
         for i in start..start + 100 {
             let shot = &shots[i % 20];
-            let found = follow(&shot.picture, &model, &request, 4, tracker).unwrap();
+            let found = follow(&shot.picture, &model, &request, 4, follower).unwrap();
             assert!(is_right(shot, &found), "frame {i}: {:?} for {:?}", found.detections, shot.copies);
             let (corners, truth) = (found.detections[0].corners, shot.copies[0].0);
             for (c, k) in (0..8).map(|v| (v / 2, v % 2)) {
@@ -76,11 +76,11 @@ fn a_thousand_frames_do_not_drift() {
         }
         sum
     };
-    let first = hundred(0, &mut tracker);
+    let first = hundred(0, &mut follower);
     for start in (100..900).step_by(100) {
-        let _ = hundred(start, &mut tracker);
+        let _ = hundred(start, &mut follower);
     }
-    let last = hundred(900, &mut tracker);
+    let last = hundred(900, &mut follower);
     for (a, b) in first.as_flattened().iter().zip(last.as_flattened()) {
         assert!((a - b).abs() < 0.02, "corners of the last hundred frames {last:?}, of the first {first:?}");
     }

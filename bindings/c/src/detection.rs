@@ -1,7 +1,7 @@
 //! Results as plain structs. In: detections of the core. Out: [`kg_detection`]. Memory: none. Cost:
 //! none.
 
-use keygraph_core::{Detection, Window};
+use keygraph_core::{Detection, Surface, Window};
 
 /// One instance of an object in a frame.
 #[repr(C)]
@@ -40,5 +40,32 @@ impl kg_detection {
             agreeing: u32::from(d.agreeing),
             rivals: u32::try_from(rivals).unwrap_or(u32::MAX),
         }
+    }
+}
+
+/// Columns of the grid of a surface, and rows.
+pub const KG_SURFACE_SIDE: usize = 9;
+const _: () = assert!(KG_SURFACE_SIDE == keygraph_core::stages::surface::SIDE, "the core has another grid");
+
+/// Where the picture of an object lies in a frame, on a plane or on a surface that is bent.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct kg_surface {
+    /// 1 when the surface is bent, 0 when a plane explains what is seen.
+    pub bent: u32,
+    /// Places in the frame of a grid of points of the picture: x and y, px, row by row from the picture's
+    /// top left corner to its bottom right corner.
+    pub points: [[[f32; 2]; KG_SURFACE_SIDE]; KG_SURFACE_SIDE],
+}
+
+impl kg_surface {
+    /// Makes a plain struct of a surface in a window of a frame, in px of the frame.
+    pub(crate) fn new(surface: &Surface, bent: bool, window: Option<Window>) -> Self {
+        let surface = window.map_or(*surface, |w| surface.mapped(&w.to_frame()));
+        let mut points = [[[0.0; 2]; KG_SURFACE_SIDE]; KG_SURFACE_SIDE];
+        for (to, from) in points.as_flattened_mut().iter_mut().zip(surface.points) {
+            *to = from;
+        }
+        Self { bent: u32::from(bent), points }
     }
 }

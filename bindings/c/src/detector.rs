@@ -10,11 +10,12 @@ use core::ptr::addr_of_mut;
 
 use keygraph_core::stages::digest::Digests;
 use keygraph_core::{
-    DEFAULT_THRESHOLD, DETECTIONS, Depth, Detector, Frame, Hd, Model, Observer, Profile, Qqvga, Qvga, Vga, Window,
+    DEFAULT_THRESHOLD, DETECTIONS, Depth, Detector, Frame, Hd, Model, Observer, Profile, Qqvga, Qvga, Surface, Vga,
+    Window,
 };
 
 use crate::boundary::{Outcome, list, optional, put, told};
-use crate::detection::kg_detection;
+use crate::detection::{kg_detection, kg_surface};
 use crate::frame::{frame_of, kg_frame};
 use crate::model::{kg_model, model_of};
 use crate::observer::{Digesting, Watch, buffer_of, kg_buffer, kg_observer, kg_stats, put_stats};
@@ -383,6 +384,31 @@ unsafe fn put_rivals<P: Profile>(
     Ok(kg_status::KG_OK)
 }
 
+/// Writes the surface of a detection.
+///
+/// # Safety
+/// As for [`put_detections`].
+unsafe fn put_surface<P: Profile>(
+    slot: *mut Slot<P>,
+    model: &Model<'_>,
+    index: usize,
+    out: *mut kg_surface,
+) -> Outcome {
+    // SAFETY: the slot is valid.
+    let (d, window) = unsafe { idle(slot) }?;
+    let found = d.detections().get(index).ok_or(kg_status::KG_ERROR_INDEX)?;
+    if usize::from(found.object) >= model.objects() {
+        return Err(kg_status::KG_ERROR_INDEX);
+    }
+    let object = model.object(usize::from(found.object));
+    let bent = d.surface(model, found, &mut || 0);
+    let size = [object.width as f32, object.height as f32];
+    let surface = bent.unwrap_or_else(|| Surface::plane(&found.homography, size));
+    // SAFETY: the pointer is the caller's to give.
+    unsafe { put(out, kg_surface::new(&surface, bent.is_some(), window)) }?;
+    Ok(kg_status::KG_OK)
+}
+
 /// Begins a search in pieces, for a program that must do something else in between. The frame is read
 /// here, and its buffer may be used again; the bytes of the model must stay. The rest is as in
 /// kg_detector_detect().
@@ -472,6 +498,28 @@ pub unsafe extern "C" fn kg_detector_rivals(
     let write = || {
         // SAFETY: the pointers are the caller's to give.
         with_slot!(detector, slot => unsafe { put_rivals(slot, index, out, room, count) })
+    };
+    told(write())
+}
+
+/// Writes the surface on which the object of a detection lies into `out`: that of a label on a can or of a page of
+/// a book where a plane does not explain what is seen, else the plane. `model` is the one that was searched for,
+/// `index` that of the detection among the results. A bent surface takes about as long as the search of a frame
+/// that shows an object, and some 14 KB of stack.
+///
+/// Returns KG_OK, or KG_ERROR_INDEX, KG_ERROR_HANDLE, KG_ERROR_BUSY, KG_ERROR_NULL, KG_ERROR_ALIGNMENT.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn kg_detector_surface(
+    detector: *mut kg_detector,
+    model: *const kg_model,
+    index: usize,
+    out: *mut kg_surface,
+) -> kg_status {
+    let write = || {
+        // SAFETY: the pointers are the caller's to give.
+        let model = unsafe { model_of(model) }?;
+        // SAFETY: the pointers are the caller's to give.
+        with_slot!(detector, slot => unsafe { put_surface(slot, &model, index, out) })
     };
     told(write())
 }

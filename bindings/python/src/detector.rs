@@ -11,7 +11,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use keygraph::region::Region;
-use keygraph::search::{Found, Profile, Request, Shape, depth_of, follow_frame, search_frame};
+use keygraph::search::{Follower, Found, Profile, Request, Shape, depth_of, follow_frame, search_frame};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 
@@ -224,7 +224,7 @@ impl Detector {
 #[derive(Debug)]
 struct Trail {
     room: Room,
-    tracker: keygraph_core::Tracker,
+    follower: Follower,
     size: Option<(usize, usize)>,
 }
 
@@ -269,12 +269,22 @@ impl Tracker {
         mirror: bool,
         surface: &str,
     ) -> PyResult<Self> {
-        let Detector { model, request, room } =
-Detector::new(
-                py, models, profile, threshold, min_visible, thorough, false, budget_ms, roi, mirror, surface, false,
-            )?;
+        let Detector { model, request, room } = Detector::new(
+            py,
+            models,
+            profile,
+            threshold,
+            min_visible,
+            thorough,
+            false,
+            budget_ms,
+            roi,
+            mirror,
+            surface,
+            false,
+        )?;
         let room = room.into_inner().unwrap_or_else(PoisonError::into_inner);
-        let trail = Mutex::new(Trail { room, tracker: keygraph_core::Tracker::new(), size: None });
+        let trail = Mutex::new(Trail { room, follower: Follower::default(), size: None });
         Ok(Self { model, request, trail })
     }
 
@@ -310,13 +320,13 @@ Detector::new(
         let reading = Reading::new(order, format, size, stride)?;
         answer(frame, &reading, (&self.model, &self.request), |search, view| {
             let mut trail = lock(&self.trail);
-            let Trail { room: Room { detector, scratch }, tracker, size } = &mut *trail;
+            let Trail { room: Room { detector, scratch }, follower, size } = &mut *trail;
             // The size is put back below, when the frame was tracked.
             if size.take().is_none_or(|before| before != view.size()) {
-                tracker.reset();
+                follower.tracker.reset();
             }
             let found = search.run(view, scratch, |frame| {
-                follow_frame(detector.any(), tracker, frame, search.model.view(), search.request)
+                follow_frame(detector.any(), follower, frame, search.model.view(), search.request)
             })?;
             *size = Some(view.size());
             Ok(found)
@@ -325,12 +335,12 @@ Detector::new(
 
     /// Forgets all objects: the next frame is the first of another video. Ids are not used again.
     fn reset(&self, py: Python<'_>) {
-        py.detach(|| lock(&self.trail).tracker.reset());
+        py.detach(|| lock(&self.trail).follower.tracker.reset());
     }
 
     /// Makes the next frame be searched, even when all objects are in view.
     fn search_next(&self, py: Python<'_>) {
-        py.detach(|| lock(&self.trail).tracker.search_next());
+        py.detach(|| lock(&self.trail).follower.tracker.search_next());
     }
 
     /// The objects that are searched for, as one model.

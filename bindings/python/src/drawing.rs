@@ -110,6 +110,7 @@ fn outline(detection: &Detection) -> Outline {
     let core = detection.core();
     Outline {
         corners: core.corners,
+        surface: detection.bent().copied(),
         label: plain(&detection.label()).into_owned(),
         colour_index: usize::from(core.object),
     }

@@ -127,6 +127,12 @@ impl Detection {
         self.answer.get().model.get()
     }
 
+    /// The surface on which the object lies.
+    pub fn bent(&self) -> Option<&Surface> {
+        let Place::Seen(i) = self.place else { return None };
+        self.answer.get().found.surfaces.get(i).and_then(Option::as_ref)
+    }
+
     /// The detection of the core.
     pub fn core(&self) -> &keygraph_core::Detection {
         let found = &self.answer.get().found;
@@ -220,10 +226,8 @@ impl Detection {
     /// shape (9, 9, 2), float32, points of the picture row by row, px of the frame. `None` for a plane.
     #[getter]
     fn surface<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray3<f32>>>> {
-        let Place::Seen(i) = self.place else { return Ok(None) };
-        let surface = self.answer.get().found.surfaces.get(i).and_then(Option::as_ref);
         let array = |s: &Surface| PyArray1::from_slice(py, s.points.as_flattened()).reshape([SIDE, SIDE, 2]);
-        surface.map(array).transpose()
+        self.bent().map(array).transpose()
     }
 
     /// The other objects that could be at this place: their names and scores, best first.

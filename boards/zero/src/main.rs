@@ -5,11 +5,11 @@
 
 use core::panic::PanicInfo;
 
-use keygraph_core::{HdDetector, QqvgaDetector, QqvgaTrainer, QvgaDetector, Tracker, VgaDetector, VgaTrainer};
+use keygraph_core::{HdDetector, QqvgaDetector, QqvgaTrainer, QvgaDetector, Surfaces, Tracker, VgaDetector, VgaTrainer};
 use static_cell::ConstStaticCell;
 
 /// A value of each type that a board places.
-type All = (HdDetector, VgaDetector, QvgaDetector, QqvgaDetector, VgaTrainer, QqvgaTrainer, Tracker);
+type All = (HdDetector, VgaDetector, QvgaDetector, QqvgaDetector, VgaTrainer, QqvgaTrainer, Tracker, Surfaces);
 
 #[used]
 static ALL: ConstStaticCell<All> = ConstStaticCell::new((
@@ -20,6 +20,7 @@ static ALL: ConstStaticCell<All> = ConstStaticCell::new((
     VgaTrainer::new(),
     QqvgaTrainer::new(),
     Tracker::new(),
+    Surfaces::new(),
 ));
 
 /// Where the program would begin.

@@ -1,13 +1,13 @@
 //! Surfaces of what is followed: fitted anew in every frame, from the shape in the frame before.
 //!
 //! In: a frame, and a track that is seen in it. Out: its surface, if it lies on one that is bent. A track that
-//! a plane explained is tried again after [`RETRY`] frames. Memory: 84 bytes for each track. Cost: that of
+//! a plane explained is tried again after [`RETRY`] frames. Memory: some 1.4 KB in [`Surfaces`]. Cost: that of
 //! converting the part of the frame that shows the track, and of `surface`: a third of it where the shape is
-//! known.
+//! known. Full: beyond 16 tracks, the shapes that have not been asked for longest are forgotten.
 
 use heapless::Vec;
 
-use crate::base::capacity::{DETECTIONS, id};
+use crate::base::capacity::id;
 use crate::base::geometry::Homography;
 use crate::detect::buffers::Profile;
 use crate::detect::detector::Detector;
@@ -21,6 +21,9 @@ use crate::model::parse::Model;
 /// Number of frames until a surface is looked for again.
 const RETRY: u8 = 8;
 
+/// Maximum number of tracks whose shapes are known.
+const MOST: usize = 16;
+
 /// What is known of a track.
 #[derive(Clone, Copy, Debug)]
 struct Known {
@@ -31,20 +34,32 @@ struct Known {
     wait: u8,
 }
 
-/// The shapes of all tracks.
-#[derive(Debug)]
-pub(super) struct Surfaces(Vec<Known, DETECTIONS>);
+/// The shapes of the instances of one [`Tracker`](crate::Tracker).
+#[derive(Debug, Default)]
+pub struct Surfaces {
+    /// Those that were asked for last come last.
+    known: Vec<Known, MOST>,
+}
 
 impl Surfaces {
-    pub(super) const NEW: Self = Self(Vec::new());
+    /// No shapes.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { known: Vec::new() }
+    }
 
-    /// The surface of a track that is seen in `frame`. The part of the frame that shows it becomes the
-    /// frame of the detector.
-    pub(super) fn of<P: Profile + ?Sized>(
+    /// The surface on which an instance lies, in px of `frame`, the one that was tracked last; `None` when it is
+    /// lost, or when a plane explains what is seen of it, and when `observer` says to stop. Called for every
+    /// frame, it starts from the shape in the frame before. The part of the frame that shows the instance
+    /// becomes the frame of the detector.
+    ///
+    /// # Errors
+    /// [`FrameError::TooLarge`] when the frame exceeds the profile of the detector.
+    pub fn surface<P: Profile + ?Sized>(
         &mut self,
         detector: &mut Detector<P>,
-        (frame, model): (&Frame<'_>, &Model<'_>),
-        tracks: &[Track],
+        frame: &Frame<'_>,
+        model: &Model<'_>,
         track: &Track,
         observer: &mut dyn Observer,
     ) -> Result<Option<Surface>, FrameError> {
@@ -52,35 +67,34 @@ impl Surfaces {
         if track.state == State::Lost || object >= model.objects() || !may_be_bent(&track.detection) {
             return Ok(None);
         }
-        self.0.retain(|k| tracks.iter().any(|t| t.id == k.id));
-        let place = self.0.iter().position(|k| k.id == track.id);
-        let mut known = place.map_or(Known { id: track.id, shape: None, wait: 0 }, |i| self.0[i]);
+        let mut known = self.take(track.id);
+        let mut surface = None;
         if known.shape.is_none() && known.wait > 0 {
             known.wait -= 1;
         } else {
             let part = part_of(core::slice::from_ref(track), frame, model);
             detector.load_luma(frame, part, observer)?;
             let [x, y] = [part.x, part.y].map(|start| f32::from(id(start)));
-            let within = track.detection.mapped(&Homography::affine([1.0, 0.0, -x, 0.0, 1.0, -y]));
-            let start = known.shape.as_ref();
-            let surface =
-                fit(&detector.frame(), &model.object(object), &within, start, &mut Laps::new(observer)).map(|s| {
-                    let to_frame = Homography::affine([1.0, 0.0, x, 0.0, 1.0, y]);
-                    s.mapped(&to_frame)
-                });
-            known = Known { shape: surface.as_ref().map(Surface::shape), wait: RETRY, ..known };
-            self.keep(place, known);
-            return Ok(surface);
+            let to_frame = |sign: f32| Homography::affine([1.0, 0.0, sign * x, 0.0, 1.0, sign * y]);
+            let within = track.detection.mapped(&to_frame(-1.0));
+            let pace = &mut Laps::new(observer);
+            let fitted = fit(&detector.frame(), &model.object(object), &within, known.shape.as_ref(), pace);
+            known = Known { shape: fitted.as_ref().map(Surface::shape), wait: RETRY, ..known };
+            surface = fitted.map(|s| s.mapped(&to_frame(1.0)));
         }
-        self.keep(place, known);
-        Ok(None)
+        // `take` has made room.
+        let _ = self.known.push(known);
+        Ok(surface)
     }
 
-    fn keep(&mut self, place: Option<usize>, known: Known) {
-        match place {
-            Some(i) => self.0[i] = known,
-            // There is room for every track.
-            None => drop(self.0.push(known)),
+    /// Takes out what is known of a track, and leaves room for one.
+    fn take(&mut self, id: u32) -> Known {
+        if let Some(i) = self.known.iter().position(|k| k.id == id) {
+            return self.known.remove(i);
         }
+        if self.known.is_full() {
+            self.known.remove(0);
+        }
+        Known { id, shape: None, wait: 0 }
     }
 }

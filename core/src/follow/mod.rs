@@ -4,7 +4,7 @@
 
 pub mod instance;
 pub mod sight;
-pub mod bent;
 pub mod still;
 pub mod schedule;
 pub mod track;
+pub mod bent;

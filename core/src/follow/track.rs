@@ -23,7 +23,7 @@
 //! [`STAY`] of the threshold is enough, so that an instance that is half hidden does not flicker.
 //! An instance that can neither be followed nor found is reported as lost.
 //!
-//! Memory: some 19 KB in [`Tracker`], beside the detector, whose buffers it uses. Cost: conversion
+//! Memory: some 16 KB in [`Tracker`], beside the detector, whose buffers it uses. Cost: conversion
 //! and pyramid of that part of luma, and some 50,000 bilinear samples for each track, a third more
 //! on targets without vectors. Full: beyond [`TRACKS`] instances, those that have been lost longest
 //! make room. When none is lost, a new instance is dropped and counted.
@@ -37,8 +37,6 @@ use crate::detect::detection::Detection;
 use crate::detect::detector::Detector;
 use crate::detect::observer::{Observer, Stats, passed};
 use crate::detect::search::Place;
-use crate::detect::surface::Surface;
-use crate::follow::bent::Surfaces;
 use crate::follow::instance::{State, Track};
 use crate::follow::schedule::{Schedule, Sought};
 use crate::follow::sight::{Sight, follow, part_of};
@@ -70,7 +68,6 @@ pub struct Tracker {
     /// Whether the last frame was searched.
     searched: bool,
     stats: Stats,
-    surfaces: Surfaces,
 }
 
 impl Default for Tracker {
@@ -83,14 +80,7 @@ impl Tracker {
     /// Makes a tracker without tracks.
     #[must_use]
     pub const fn new() -> Self {
-        Self {
-            tracks: Vec::new(),
-            next_id: 0,
-            schedule: Schedule::NEW,
-            searched: false,
-            stats: Stats::EMPTY,
-            surfaces: Surfaces::NEW,
-        }
+        Self { tracks: Vec::new(), next_id: 0, schedule: Schedule::NEW, searched: false, stats: Stats::EMPTY }
     }
 
     /// Makes the tracker search the next frame, even if every instance is in sight.
@@ -248,25 +238,6 @@ impl Tracker {
             }
         }
         self.merge(detector.detections());
-    }
-
-    /// Returns the surface on which the instance [`Tracker::tracks`]`[index]` lies, in px of `frame`, the one that was
-    /// tracked last. `None` when it is lost, or when a plane explains what is seen of it. Called for every frame, it
-    /// starts from the shape in the frame before. The part of the frame that shows the instance becomes the frame
-    /// of the detector.
-    ///
-    /// # Errors
-    /// Returns [`FrameError::TooLarge`] when the frame exceeds the profile of the detector.
-    pub fn surface<P: Profile + ?Sized>(
-        &mut self,
-        detector: &mut Detector<P>,
-        frame: &Frame<'_>,
-        model: &Model<'_>,
-        index: usize,
-        observer: &mut dyn Observer,
-    ) -> Result<Option<Surface>, FrameError> {
-        let Some(track) = self.tracks.get(index) else { return Ok(None) };
-        self.surfaces.of(detector, (frame, model), &self.tracks, track, observer)
     }
 
     /// Returns all instances of the last frame, in the order in which [`Tracker::track`] returned

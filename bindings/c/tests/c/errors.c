@@ -3,6 +3,7 @@
      errors PICTURE.ppm      a picture of 512 x 512 px that can be trained
 
    Exit status: 0 if every check holds. */
+#include <math.h>
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -306,6 +307,13 @@ static void detectors(const kg_model *model, const unsigned char *pixels) {
     EXPECT(KG_OK, kg_detector_rivals(d, 0, found, 4, &count));
     HOLDS(count == 0);
     EXPECT(KG_ERROR_INDEX, kg_detector_rivals(d, 1, found, 4, &count));
+    kg_surface surface;
+    EXPECT(KG_OK, kg_detector_surface(d, model, 0, &surface));
+    HOLDS(!surface.bent && surface.points[0][0][0] == first.outline[0][0] && surface.points[0][0][1] == first.outline[0][1]);
+    HOLDS(fabsf(surface.points[KG_SURFACE_SIDE - 1][KG_SURFACE_SIDE - 1][0] - first.outline[2][0]) < 0.01f);
+    EXPECT(KG_ERROR_INDEX, kg_detector_surface(d, model, 1, &surface));
+    EXPECT(KG_ERROR_NULL, kg_detector_surface(d, model, 0, NULL));
+    EXPECT(KG_ERROR_NULL, kg_detector_surface(NULL, model, 0, &surface));
     kg_buffer buffer;
     EXPECT(KG_OK, kg_detector_buffer(d, 0, &buffer));
     HOLDS(buffer.bytes == 408000 && buffer.most > 0 && buffer.most <= buffer.capacity);
