@@ -1081,7 +1081,7 @@ kg_status kg_detector_rivals(struct kg_detector *detector,
  * Writes the surface on which the object of a detection lies into `out`: that of a label on a can or of a page of
  * a book where a plane does not explain what is seen, else the plane. `model` is the one that was searched for,
  * `index` that of the detection among the results. A bent surface takes about as long as the search of a frame
- * that shows an object, and some 14 KB of stack.
+ * that shows an object, and some 13 KB of stack.
  *
  * Returns KG_OK, or KG_ERROR_INDEX, KG_ERROR_HANDLE, KG_ERROR_BUSY, KG_ERROR_NULL, KG_ERROR_ALIGNMENT.
  */

@@ -48,18 +48,20 @@ fn angle(c: &[f32], t: f32) -> f32 {
 }
 
 impl Profile {
-    fn new(c: &[f32]) -> Self {
-        let mut at = [[0.0; 2]; STEPS + 1];
+    const NONE: Self = Self { at: [[0.0; 2]; STEPS + 1] };
+
+    fn set(&mut self, c: &[f32]) {
+        let at = &mut self.at;
+        at[0] = [0.0; 2];
         let step = 2.0 * REACH / STEPS as f32;
         for i in 0..STEPS {
             let (sin, cos) = math::sin_cos(angle(c, (2 * i + 1) as f32 / STEPS as f32 - 1.0));
             at[i + 1] = [at[i][0] + cos * step, at[i][1] + sin * step];
         }
         let [x, z] = at[STEPS / 2];
-        for p in &mut at {
+        for p in at {
             *p = [p[0] - x, p[1] - z];
         }
-        Self { at }
     }
 
     /// Place and height at the length `q` from the middle.
@@ -84,17 +86,41 @@ impl Bend {
         Self(v)
     }
 
-    /// Writes the place in the plane of each of `places` of the flat picture.
-    pub(crate) fn place(&self, places: impl Iterator<Item = [f32; 2]>, out: &mut [[f32; 2]]) {
-        let [angle, d0, d1, d2, turns @ ..] = &self.0;
+    /// The sheet of this shape.
+    pub(crate) fn sheet(&self) -> Sheet {
+        let mut sheet = Sheet::FLAT;
+        sheet.set(self);
+        sheet
+    }
+}
+
+/// Paper of a shape, with its profile computed.
+pub(crate) struct Sheet {
+    profile: Profile,
+    direction: [f32; 2],
+    normal: [f32; 3],
+}
+
+impl Sheet {
+    /// A sheet before it has a shape.
+    pub(crate) const FLAT: Self = Self { profile: Profile::NONE, direction: [1.0, 0.0], normal: [0.0; 3] };
+
+    /// Gives it a shape, in place.
+    #[inline(never)]
+    pub(crate) fn set(&mut self, bend: &Bend) {
+        let [angle, d0, d1, d2, turns @ ..] = &bend.0;
         let (sin, cos) = math::sin_cos(*angle);
-        let profile = Profile::new(turns);
-        for ([x, y], out) in places.zip(out) {
-            let (q, r) = (x * cos + y * sin, y * cos - x * sin);
-            let [p, z] = profile.at(q);
-            let w = 1.0 + z * d2;
-            *out = [(p * cos - r * sin + z * d0) / w, (p * sin + r * cos + z * d1) / w];
-        }
+        self.profile.set(turns);
+        (self.direction, self.normal) = ([cos, sin], [*d0, *d1, *d2]);
+    }
+
+    /// Where a place of the flat picture is in the plane.
+    pub(crate) fn at(&self, [x, y]: [f32; 2]) -> [f32; 2] {
+        let ([cos, sin], [d0, d1, d2]) = (self.direction, self.normal);
+        let (q, r) = (x * cos + y * sin, y * cos - x * sin);
+        let [p, z] = self.profile.at(q);
+        let w = 1.0 + z * d2;
+        [(p * cos - r * sin + z * d0) / w, (p * sin + r * cos + z * d1) / w]
     }
 }
 
@@ -120,9 +146,8 @@ mod tests {
     const PLACES: [[f32; 2]; 4] = [[-0.5, -0.3], [0.0, 0.0], [0.25, 0.3], [0.5, 0.1]];
 
     fn placed(bend: &Bend) -> [[f32; 2]; 4] {
-        let mut out = [[0.0; 2]; 4];
-        bend.place(PLACES.into_iter(), &mut out);
-        out
+        let sheet = bend.sheet();
+        PLACES.map(|p| sheet.at(p))
     }
 
     #[test]

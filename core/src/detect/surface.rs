@@ -11,7 +11,7 @@
 //! On*, IJCV 2004). The coarsest level starts from eight shapes: four directions, bent to the camera and away
 //! from it.
 //!
-//! Memory: about 14 KB of stack. Cost: some 160,000 bilinear samples for a surface; none for an object that a
+//! Memory: about 10 KB of stack. Cost: some 160,000 bilinear samples for a surface; none for an object that a
 //! plane explains wholly.
 
 use heapless::Vec;
@@ -21,7 +21,7 @@ use crate::base::math;
 use crate::base::pace::Pace;
 use crate::base::sort::sort;
 use crate::detect::appearance::level_of_area;
-use crate::detect::bend::{Bend, SHAPE, normal};
+use crate::detect::bend::{Bend, SHAPE, Sheet, normal};
 use crate::detect::detection::Detection;
 use crate::detect::light::{LEAST_WEIGHT, Moments, Shade, agreement};
 use crate::detect::pose::solve;
@@ -180,23 +180,29 @@ impl<'a> Level<'a> {
     }
 }
 
-/// Light of the cells; that of a block stands at its first cell.
-type Light = [Shade; ALL];
-const NO_LIGHT: Light = [Shade { scale_t: 0.0, scale_f: 0.0, offset: 0.0, weight: 0.0, flat: 0.0 }; ALL];
-
-/// What a look at a level sums over each cell.
-struct Sums {
+/// What a look at a level tells of each cell.
+struct Scene {
     /// Weighted sums of the products of the template's steps, `x x`, `x y`, `y y`, and of each step and the
     /// error: what the frame shows minus what the template says.
     errors: [[f32; 5]; ALL],
-    /// As [`Moments::new`] wants them.
+    /// As [`Moments::new`] wants them; for a block, at its first cell.
     pairs: [[f32; 6]; ALL],
+    /// How the cells are lit; for a block, at its first cell.
+    light: [Shade; ALL],
 }
 
-impl Sums {
-    /// Lays a level, lit by `light`, over the frame: its cells over those of `grid`, frame px.
-    fn of(view: &PyramidView<'_>, level: &Level<'_>, grid: &Grid, light: &Light, pace: &mut dyn Pace) -> Self {
-        let mut sums = Self { errors: [[0.0; 5]; ALL], pairs: [[0.0; 6]; ALL] };
+const NO_SHADE: Shade = Shade { scale_t: 0.0, scale_f: 0.0, offset: 0.0, weight: 0.0, flat: 0.0 };
+
+impl Scene {
+    const EMPTY: Self = Self { errors: [[0.0; 5]; ALL], pairs: [[0.0; 6]; ALL], light: [NO_SHADE; ALL] };
+
+    /// Lays a level over the frame: its cells over those of `grid`, frame px. Sums the errors in the light of
+    /// the look before, or none with `anew`. Then renews the light, and returns the number of cells that
+    /// agree.
+    #[inline(never)]
+    fn look(&mut self, view: &PyramidView<'_>, level: &Level<'_>, grid: &Grid, anew: bool, pace: &mut dyn Pace) -> f32 {
+        self.errors.as_flattened_mut().fill(0.0);
+        self.pairs.as_flattened_mut().fill(0.0);
         for cell in 0..ALL {
             pace.goes_on();
             let at = corners(cell).map(|n| grid[n]);
@@ -205,30 +211,21 @@ impl Sums {
             if area.is_finite() {
                 let source = level_of_area(area * level.scale[0][0] * level.scale[1][0]);
                 let at = at.map(|p| into_level(source).apply_affine(p));
-                let shade = &light[level.block_of(cell)];
-                add_cell(&view.luma(source), level, cell, &at, shade, &mut sums.errors[cell], &mut sums.pairs[cell]);
+                let first = level.block_of(cell);
+                let shade = if anew { &NO_SHADE } else { &self.light[first] };
+                let pairs = &mut self.pairs[first];
+                add_cell(&view.luma(source), level, cell, &at, shade, &mut self.errors[cell], pairs);
             }
         }
-        sums
-    }
-
-    /// The light of the cells, and the number of cells that agree.
-    fn light(&self, level: &Level<'_>) -> (Light, f32) {
-        let mut pairs = [[0.0; 6]; ALL];
-        for (cell, own) in self.pairs.iter().enumerate() {
-            for (sum, v) in pairs[level.block_of(cell)].iter_mut().zip(own) {
-                *sum += v;
-            }
-        }
-        let (mut light, mut agreeing) = (NO_LIGHT, 0.0);
-        for (shade, pairs) in light.iter_mut().zip(pairs) {
+        let mut agreeing = 0.0;
+        for (shade, &pairs) in self.light.iter_mut().zip(&self.pairs) {
             let m = Moments::new(pairs);
             if m.is_textured() {
                 agreeing += agreement(m.correlation());
             }
             *shade = Shade::new(&m);
         }
-        (light, agreeing * (level.block * level.block) as f32)
+        agreeing * (level.block * level.block) as f32
     }
 }
 
@@ -292,61 +289,67 @@ const OF_SHAPE: [f32; 2] = [0.05, 1e-3];
 const LONGEST: f32 = 0.5;
 
 impl Fit {
+    /// A place of the flat picture: `x` and `y` from its top left corner, in cells.
+    fn flat(&self, x: f32, y: f32) -> [f32; 2] {
+        [(x / CELLS as f32 - 0.5) * self.size[0], (y / CELLS as f32 - 0.5) * self.size[1]]
+    }
+
     /// The grid in the plane.
-    fn plane(&self) -> Grid {
-        let at = |i: usize, side: f32| (i as f32 / CELLS as f32 - 0.5) * side;
-        let places = (0..POINTS).map(|i| [at(i % SIDE, self.size[0]), at(i / SIDE, self.size[1])]);
-        let mut grid = [[0.0; 2]; POINTS];
-        self.bend.place(places, &mut grid);
-        grid
+    fn plane(&self, sheet: &Sheet) -> Grid {
+        core::array::from_fn(|i| sheet.at(self.flat((i % SIDE) as f32, (i / SIDE) as f32)))
     }
 
     /// The grid in the frame.
     fn grid(&self) -> Grid {
-        self.plane().map(|p| self.h.apply(p))
+        self.plane(&self.bend.sheet()).map(|p| self.h.apply(p))
     }
 
-    /// The light of the cells, and the number of cells that agree.
-    fn look(&self, view: &PyramidView<'_>, level: &Level<'_>, pace: &mut dyn Pace) -> (Light, f32) {
-        Sums::of(view, level, &self.grid(), &NO_LIGHT, pace).light(level)
-    }
-
-    /// Takes the steps of a stage. `None` when they lead nowhere.
-    fn improve(&mut self, view: &PyramidView<'_>, o: &Object<'_>, stage: &Stage, pace: &mut dyn Pace) -> Option<f32> {
-        let level = Level::new(o, stage);
-        let (mut light, _) = self.look(view, &level, pace);
+    /// Takes the steps of a stage. Returns the number of cells that agree; `None` when they lead nowhere.
+    fn improve(
+        &mut self,
+        scene: &mut Scene,
+        (view, object): (&PyramidView<'_>, &Object<'_>),
+        stage: &Stage,
+        pace: &mut dyn Pace,
+    ) -> Option<f32> {
+        let level = Level::new(object, stage);
+        scene.look(view, &level, &self.grid(), true, pace);
         for _ in 0..stage.times {
-            let sums = Sums::of(view, &level, &self.grid(), &light, pace);
-            (light, _) = sums.light(&level);
-            if self.step(&sums, &level)? < stage.still {
+            scene.look(view, &level, &self.grid(), false, pace);
+            if self.step(&scene.errors, &level)? < stage.still {
                 break;
             }
         }
-        pace.goes_on().then(|| self.look(view, &level, pace).1)
+        let agreeing = scene.look(view, &level, &self.grid(), true, pace);
+        pace.goes_on().then_some(agreeing)
     }
 
     /// Takes the steps of several stages.
-    fn improve_by(&mut self, view: &PyramidView<'_>, o: &Object<'_>, by: &[Stage], pace: &mut dyn Pace) -> Option<f32> {
-        by.iter().try_fold(0.0, |_, stage| self.improve(view, o, stage, pace))
+    fn improve_by(
+        &mut self,
+        scene: &mut Scene,
+        what: (&PyramidView<'_>, &Object<'_>),
+        stages: &[Stage],
+        pace: &mut dyn Pace,
+    ) -> Option<f32> {
+        stages.iter().try_fold(0.0, |_, stage| self.improve(scene, what, stage, pace))
     }
 
     /// Takes one Gauss-Newton step. Returns about how far it moves, px of the level.
-    fn step(&mut self, sums: &Sums, level: &Level<'_>) -> Option<f32> {
-        let plane = self.plane();
-        let mut slopes = [[[0.0; 2]; POINTS]; SHAPE];
-        for (k, slopes) in slopes.iter_mut().enumerate() {
-            let mut other = *self;
-            other.bend.0[k] += STEP;
-            *slopes = other.plane();
-            for (slope, p) in slopes.iter_mut().zip(&plane) {
-                *slope = [0, 1].map(|i| (slope[i] - p[i]) / STEP);
-            }
-        }
+    #[inline(never)]
+    fn step(&mut self, errors: &[[f32; 5]; ALL], level: &Level<'_>) -> Option<f32> {
         let mut equations = [[0.0; UNKNOWNS + 1]; UNKNOWNS];
+        let sheet = self.bend.sheet();
+        let mut others = [const { Sheet::FLAT }; SHAPE];
+        for (k, other) in others.iter_mut().enumerate() {
+            let mut bend = self.bend;
+            bend.0[k] += STEP;
+            other.set(&bend);
+        }
         // From differences over two px of the level to those over a cell.
         let per_cell = level.scale.map(|[scale, _]| 0.5 / scale);
-        for (cell, errors) in sums.errors.iter().enumerate() {
-            if let Some(moves) = moves(cell, &plane, &slopes) {
+        for (cell, errors) in errors.iter().enumerate() {
+            if let Some(moves) = self.moves(cell, &sheet, &others) {
                 add_equations(&mut equations, &moves, errors, per_cell);
             }
         }
@@ -365,28 +368,37 @@ impl Fit {
         let longest = d.iter().fold(0.0, |longest, v| math::max(longest, v.abs()));
         is_finite.then_some(longest * CELLS as f32 / level.scale[0][0])
     }
-}
 
-/// How each unknown moves the middle of a cell, in cells. `None` for a cell that is seen from its edge.
-fn moves(cell: usize, plane: &Grid, slopes: &[Grid; SHAPE]) -> Option<[[f32; 2]; UNKNOWNS]> {
-    let corners = corners(cell);
-    let middle = |grid: &Grid| [0, 1].map(|i| corners.iter().map(|&n| grid[n][i]).sum::<f32>() / 4.0);
-    let [a, b, c, d] = corners.map(|n| plane[n]);
-    // A cell's sides in the plane, and the map from the plane into cells.
-    let x = [0, 1].map(|i| (b[i] - a[i] + d[i] - c[i]) / 2.0);
-    let y = [0, 1].map(|i| (c[i] - a[i] + d[i] - b[i]) / 2.0);
-    let det = x[0] * y[1] - x[1] * y[0];
-    if det.abs() < 1e-6 {
-        return None;
+    /// How each unknown moves the middle of a cell, in cells; `others` are the sheets with one number of the shape
+    /// more by [`STEP`]. `None` for a cell that is seen from its edge.
+    fn moves(&self, cell: usize, sheet: &Sheet, others: &[Sheet; SHAPE]) -> Option<[[f32; 2]; UNKNOWNS]> {
+        let (i, j) = ((cell % CELLS) as f32, (cell / CELLS) as f32);
+        // A cell's sides in the plane, and the map from the plane into cells.
+        let side = |a: [f32; 2], b: [f32; 2]| {
+            let (a, b) = (sheet.at(self.flat(a[0], a[1])), sheet.at(self.flat(b[0], b[1])));
+            [b[0] - a[0], b[1] - a[1]]
+        };
+        let x = side([i, j + 0.5], [i + 1.0, j + 0.5]);
+        let y = side([i + 0.5, j], [i + 0.5, j + 1.0]);
+        let det = x[0] * y[1] - x[1] * y[0];
+        if det.abs() < 1e-6 {
+            return None;
+        }
+        let into = |[u, v]: [f32; 2]| [(u * y[1] - v * y[0]) / det, (v * x[0] - u * x[1]) / det];
+        let middle = self.flat(i + 0.5, j + 0.5);
+        let [u, v] = sheet.at(middle);
+        let of_plane =
+            [[u, 0.0], [v, 0.0], [1.0, 0.0], [0.0, u], [0.0, v], [0.0, 1.0], [-u * u, -u * v], [-u * v, -v * v]];
+        let of_shape = others.iter().map(|other| {
+            let [p, q] = other.at(middle);
+            [(p - u) / STEP, (q - v) / STEP]
+        });
+        let mut moves = [[0.0; 2]; UNKNOWNS];
+        for (to, from) in moves.iter_mut().zip(of_plane.into_iter().chain(of_shape)) {
+            *to = into(from);
+        }
+        Some(moves)
     }
-    let into = |[u, v]: [f32; 2]| [(u * y[1] - v * y[0]) / det, (v * x[0] - u * x[1]) / det];
-    let [u, v] = middle(plane);
-    let of_plane = [[u, 0.0], [v, 0.0], [1.0, 0.0], [0.0, u], [0.0, v], [0.0, 1.0], [-u * u, -u * v], [-u * v, -v * v]];
-    let mut moves = [[0.0; 2]; UNKNOWNS];
-    for (to, from) in moves.iter_mut().zip(of_plane.into_iter().chain(slopes.iter().map(middle))) {
-        *to = into(from);
-    }
-    Some(moves)
 }
 
 /// Adds the errors of a cell to the upper triangle of the normal equations, and to their right side.
@@ -430,19 +442,21 @@ pub(crate) fn fit(
     let side = w.max(h);
     let onto = d.homography.after(&Homography::affine([side, 0.0, w / 2.0, 0.0, side, h / 2.0])).normalised();
     let plane = Fit { h: onto, bend: Bend::FLAT, size: [w / side, h / side] };
-    let (_, flat) = plane.look(view, &Level::new(object, &THIRD[1]), pace);
+    let (what, mut scene) = ((view, object), Scene::EMPTY);
+    let flat = scene.look(view, &Level::new(object, &THIRD[1]), &plane.grid(), true, pace);
     let mut fit = match start {
         Some(shape) => Fit { h: onto.after(&shape.to_plane), bend: shape.bend, ..plane },
-        None => begin(&plane, view, object, pace)?,
+        None => begin(&plane, &mut scene, what, pace)?,
     };
-    let bent = fit.improve_by(view, object, &THIRD, pace)?;
+    let bent = fit.improve_by(&mut scene, what, &THIRD, pace)?;
     let [times, more] = BETTER;
     let shape = Shape { bend: fit.bend, to_plane: onto.inverse()?.after(&fit.h).normalised() };
     (bent > times * flat + more).then(|| Surface { points: fit.grid(), shape })
 }
 
 /// The best of several shapes on the coarse levels.
-fn begin(plane: &Fit, view: &PyramidView<'_>, object: &Object<'_>, pace: &mut dyn Pace) -> Option<Fit> {
+fn begin(plane: &Fit, scene: &mut Scene, what: (&PyramidView<'_>, &Object<'_>), pace: &mut dyn Pace) -> Option<Fit> {
+    let view = what.0;
     let frame = [view.luma(0).width() as f32, view.luma(0).height() as f32];
     // The focal length is a guess; the fit moves the normal.
     let normal = normal(&plane.h, frame.map(|v| v / 2.0), frame[0].max(frame[1]))?;
@@ -451,7 +465,7 @@ fn begin(plane: &Fit, view: &PyramidView<'_>, object: &Object<'_>, pace: &mut dy
         let angle = f32::from(start / 2) * core::f32::consts::FRAC_PI_4;
         let turn = if start.is_multiple_of(2) { START_TURN } else { -START_TURN };
         let mut fit = Fit { bend: Bend::new(angle, normal, turn), ..*plane };
-        if let Some(agreeing) = fit.improve(view, object, &FIRST, pace) {
+        if let Some(agreeing) = fit.improve(scene, what, &FIRST, pace) {
             // There is room for all.
             let _ = starts.push((fit, agreeing));
         }
@@ -459,7 +473,7 @@ fn begin(plane: &Fit, view: &PyramidView<'_>, object: &Object<'_>, pace: &mut dy
     best_first(&mut starts);
     starts.truncate(KEPT);
     for (fit, agreeing) in &mut starts {
-        *agreeing = fit.improve_by(view, object, &SECOND, pace).unwrap_or(0.0);
+        *agreeing = fit.improve_by(scene, what, &SECOND, pace).unwrap_or(0.0);
     }
     best_first(&mut starts);
     starts.first().map(|(fit, _)| *fit)
