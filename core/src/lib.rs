@@ -142,6 +142,7 @@ pub use model::views::{MAX_VIEWS, ViewSpec};
 // Detection.
 pub use base::capacity::{Buffer, DETECTIONS, Room, Stage, StageStats, chroma_bytes, luma_bytes};
 pub use base::geometry::Homography;
+pub use base::lens::{Distortion, Lens, LensError};
 pub use detect::appearance::Appearance;
 pub use detect::buffers::{Buffers, Hd, Limits, Profile, Qqvga, Qvga, Vga};
 pub use detect::detection::Detection;
@@ -150,7 +151,7 @@ pub use detect::detector::{
 };
 pub use detect::observer::{Observer, Output, Stats};
 pub use detect::plan::Depth;
-pub use detect::surface::Surface;
+pub use detect::surface::{CellMatch, Known, Surface};
 
 // Tracking, and poses in space.
 pub use follow::bent::Surfaces;

@@ -121,6 +121,7 @@ fn search_sequence(model: &Model<'_>, sequence: &Path, frames: &Path) -> Result<
         track: false,
         annotate: true,
         rectify: false,
+        optics: None,
         calibration: None,
     };
     let mut tallies = [Tally::default(); 2];

@@ -51,6 +51,9 @@ pub mod trail;
 pub mod margins;
 pub mod cutout;
 pub mod alike;
+pub mod lens;
+#[cfg(feature = "calibrate")]
+pub mod lens_file;
 pub mod pose;
 pub mod learn;
 pub mod random;

@@ -7,7 +7,7 @@
 use std::str::FromStr;
 
 use anyhow::{Result, bail};
-use keygraph_core::{CameraError, Detection, Intrinsics, Model, PlanePose, plane_pose};
+use keygraph_core::{CameraError, Detection, Distortion, Intrinsics, Lens, Model, PlanePose, Surface, plane_pose};
 
 /// Parses the intrinsics `fx,fy,cx,cy`, px of the input.
 ///
@@ -19,6 +19,20 @@ pub fn parse_intrinsics(text: &str) -> Result<Intrinsics, String> {
         return Err("give four numbers in px of the input: fx,fy,cx,cy".into());
     };
     Intrinsics::new(fx, fy, cx, cy).map_err(|e: CameraError| e.to_string())
+}
+
+/// Parses coefficients of a lens in OpenCV's order: `k1,k2,p1,p2[,k3[,k4,k5,k6]]`.
+///
+/// # Errors
+/// When `text` is not 4, 5 or 8 numbers.
+pub fn parse_distortion(text: &str) -> Result<Distortion, String> {
+    let numbers: Result<Vec<f32>, _> = text.split(',').map(|n| n.trim().parse()).collect();
+    let Some(numbers) = numbers.ok().filter(|k| matches!(k.len(), 4 | 5 | 8) && k.iter().all(|v| v.is_finite())) else {
+        return Err("give 4, 5 or 8 numbers in OpenCV's order: k1,k2,p1,p2[,k3[,k4,k5,k6]]".into());
+    };
+    let mut all = [0.0; 8];
+    all[..numbers.len()].copy_from_slice(&numbers);
+    Ok(Distortion::Brown(all))
 }
 
 /// The true width of every object (`W`) or of one object (`NAME=W`), mm.
@@ -44,6 +58,7 @@ impl FromStr for Width {
 #[derive(Clone, Debug)]
 pub struct Calibration {
     intrinsics: Intrinsics,
+    lens: Option<Lens>,
     /// Width of each object, mm.
     widths_mm: Vec<f32>,
 }
@@ -76,17 +91,31 @@ impl Calibration {
             Some(mm) => Ok(mm),
             None => bail!("the width of {name} is missing: add --width-mm {name}=WIDTH"),
         };
-        Ok(Self { intrinsics, widths_mm: names.iter().map(width).collect::<Result<_>>()? })
+        Ok(Self { intrinsics, lens: None, widths_mm: names.iter().map(width).collect::<Result<_>>()? })
     }
 
-    /// The poses of a detection, whose homography is in px of the input. `None` when no pose
-    /// gives this homography.
+    /// The same for frames of this lens, whose intrinsics count then.
     #[must_use]
-    pub fn pose(&self, model: &Model<'_>, detection: &Detection) -> Option<PlanePose> {
+    pub fn through(&self, lens: Option<Lens>) -> Self {
+        let of_lens = lens.and_then(|lens| {
+            let [fx, fy, cx, cy] = lens.intrinsics();
+            Intrinsics::new(fx, fy, cx, cy).ok()
+        });
+        Self { intrinsics: of_lens.unwrap_or(self.intrinsics), lens, ..self.clone() }
+    }
+
+    /// The poses of a detection, whose homography is in px of the input, or of its plane seen through a lens.
+    /// `None` when no pose gives this homography, or when the object is bent.
+    #[must_use]
+    pub fn pose(&self, model: &Model<'_>, detection: &Detection, surface: Option<&Surface>) -> Option<PlanePose> {
+        if surface.is_some_and(|s| s.is_bent) {
+            return None;
+        }
         let index = usize::from(detection.object);
         let object = model.object(index);
         let size_px = [object.width as f32, object.height as f32];
-        plane_pose(&detection.homography, &self.intrinsics, size_px, self.widths_mm[index]).ok()
+        let homography = surface.map_or(&detection.homography, |s| &s.homography);
+        plane_pose(homography, &self.intrinsics, size_px, self.widths_mm[index]).ok()
     }
 
     /// The object's axes in the input, px: the object's centre, then the ends of x (right),
@@ -94,8 +123,10 @@ impl Calibration {
     #[must_use]
     pub fn axes(&self, detection: &Detection, pose: &PlanePose) -> [[f32; 2]; 4] {
         let arm = self.widths_mm[usize::from(detection.object)] / 2.0;
-        [[0.0; 3], [arm, 0.0, 0.0], [0.0, arm, 0.0], [0.0, 0.0, arm]]
-            .map(|p| self.intrinsics.project(pose.best.apply(p)))
+        [[0.0; 3], [arm, 0.0, 0.0], [0.0, arm, 0.0], [0.0, 0.0, arm]].map(|p| {
+            let p = self.intrinsics.project(pose.best.apply(p));
+            self.lens.map_or(p, |lens| lens.distort(p))
+        })
     }
 }
 
@@ -112,6 +143,14 @@ mod tests {
         for text in ["0,600,320,240", "600,-1,320,240", "NaN,600,320,240", "600,600,inf,240"] {
             assert!(parse_intrinsics(text).is_err_and(|e| e.contains("focal lengths above 0")), "{text:?}");
         }
+    }
+
+    #[test]
+    fn coefficients_are_four_five_or_eight_numbers() {
+        let k = |n: usize| vec!["0.1"; n].join(", ");
+        assert!([4, 5, 8].iter().all(|&n| parse_distortion(&k(n)).is_ok()));
+        assert!([0, 1, 3, 6, 7, 9].iter().all(|&n| parse_distortion(&k(n)).is_err()));
+        assert!(parse_distortion("0,0,0,inf").is_err_and(|e| e.contains("OpenCV's order")));
     }
 
     #[test]

@@ -117,7 +117,13 @@ pub fn detection_entry(model: &Model<'_>, found: &Found, index: usize) -> Value 
     let mut entry = detection_object(model, &found.detections[index], state);
     if let Some(Some(surface)) = found.surfaces.get(index) {
         let points: Vec<_> = surface.points.iter().map(|p| p.map(|v| rounded(v, 3))).collect();
-        entry["surface"] = json!({ "cols": SIDE, "rows": SIDE, "points": points });
+        entry["surface"] = json!({
+            "bent": surface.is_bent,
+            "homography": surface.homography.0.map(f64::from),
+            "cols": SIDE,
+            "rows": SIDE,
+            "points": points,
+        });
     }
     if let Some(rivals) = found.rivals.get(index) {
         let name = |&(object, score): &(u16, f32)| json!({"object": model.object(usize::from(object)).name, "score": rounded(score, 6)});

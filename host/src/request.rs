@@ -4,7 +4,9 @@
 
 use std::time::Duration;
 
-use keygraph_core::{Buffer, Depth, HdDetector, PixelFormat, QqvgaDetector, QvgaDetector, Room, VgaDetector};
+use keygraph_core::{
+    Buffer, Depth, HdDetector, Known, Lens, PixelFormat, QqvgaDetector, QvgaDetector, Room, VgaDetector,
+};
 
 use crate::region::Region;
 
@@ -80,6 +82,10 @@ pub struct Request {
     pub all_names: bool,
     /// What shape objects may have.
     pub shape: Shape,
+    /// The camera's lens, px of the picture; `None` takes straight lines as straight.
+    pub lens: Option<Lens>,
+    /// Whether to match the cells of what is found, for a calibration.
+    pub matches: bool,
     /// Whether to report corners, keygraphs and supporters.
     pub details: bool,
     /// The part of each frame that is searched, at its own resolution; `None` searches all.
@@ -128,6 +134,18 @@ pub const fn depth_of(thorough: bool) -> Depth {
 }
 
 impl Request {
+    /// What is known of the objects and the camera.
+    #[must_use]
+    pub fn known(&self) -> Known<'_> {
+        Known { lens: self.lens.as_ref(), is_flat: self.shape == Shape::Plane }
+    }
+
+    /// Whether surfaces are looked for: through a lens a plane is one, too.
+    #[must_use]
+    pub fn wants_surfaces(&self) -> bool {
+        self.shape == Shape::Any || self.lens.is_some()
+    }
+
     /// A request for detections alone, on pixels as they were decoded.
     #[must_use]
     pub const fn new(profile: Profile, threshold: f32) -> Self {
@@ -138,6 +156,8 @@ impl Request {
             min_visible: 0.0,
             all_names: false,
             shape: Shape::Any,
+            lens: None,
+            matches: false,
             details: false,
             region: None,
             mirror: false,

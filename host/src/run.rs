@@ -20,6 +20,7 @@ use crate::annotate::{
 };
 use crate::cutout::rectify;
 use crate::input::{Kind, Pending, Picture, Source, SourceFrame};
+use crate::lens::Optics;
 use crate::output::plain;
 use crate::pose::Calibration;
 use crate::search::{Found, MAX_THREADS, Request, search_for};
@@ -38,7 +39,9 @@ pub struct Options<'a> {
     pub annotate: bool,
     /// Whether to show each object as it looks flat.
     pub rectify: bool,
-    /// Intrinsics and widths; `None` when no poses are wanted.
+    /// The camera's lens, for frames of any size.
+    pub optics: Option<Optics>,
+    /// Widths, and intrinsics unless there is a lens; `None` when no poses are wanted.
     pub calibration: Option<&'a Calibration>,
 }
 
@@ -182,16 +185,22 @@ fn search_one(
 ) -> Outcome {
     let SourceFrame { source, frame, kind, picture } = frame;
     let result = picture.and_then(|p| {
-        let request = Request { details: options.annotate, ..options.request };
+        let lens = options.optics.map(|o| o.of_size(p.width, p.height)).transpose()?;
+        let request = Request { details: options.annotate, lens, ..options.request };
         let found = match trail {
             Some(trail) => trail.next(sequence(&source, kind, (p.width, p.height)), &p, model, &request, slot),
             None => search_for(&p, model, &request, slot),
         }
         .with_context(|| source.clone())?;
-        let poses = options.calibration.map(|c| found.detections.iter().map(|d| c.pose(model, d)).collect::<Vec<_>>());
+        let calibration = options.calibration.map(|c| c.through(lens));
+        let surface = |i: usize| found.surfaces.get(i).and_then(Option::as_ref);
+        let pose = |c: &Calibration| {
+            found.detections.iter().enumerate().map(|(i, d)| c.pose(model, d, surface(i))).collect::<Vec<_>>()
+        };
+        let poses = calibration.as_ref().map(pose);
         let canvas = options.annotate.then(|| {
             let mut canvas = draw(&p, model, &found);
-            if let (Some(calibration), Some(poses)) = (options.calibration, &poses) {
+            if let (Some(calibration), Some(poses)) = (&calibration, &poses) {
                 for (d, pose) in found.detections.iter().zip(poses) {
                     if let Some(pose) = pose {
                         draw_axes(&mut canvas, calibration.axes(d, pose));
@@ -205,7 +214,6 @@ fn search_one(
             (o.width, o.height)
         };
         let shown = found.detections.iter().enumerate().filter(|_| options.rectify);
-        let surface = |i: usize| found.surfaces.get(i).and_then(Option::as_ref);
         let flat = shown.map(|(i, d)| rectify(&p, d, surface(i), size(d))).collect();
         Ok(Searched { size: (p.width, p.height), found, poses, canvas, flat })
     });

@@ -13,7 +13,7 @@ use anyhow::{Result, anyhow};
 use keygraph_core::stages::digest::Digests;
 use keygraph_core::stages::shrink::shrink;
 use keygraph_core::{
-    Buffer, Depth, Detection, Detector, Frame, FrameError, HdDetector, Homography, Model, Observer, Output,
+    Buffer, CellMatch, Depth, Detection, Detector, Frame, FrameError, HdDetector, Homography, Model, Observer, Output,
     PixelFormat, QqvgaDetector, QvgaDetector, State, Stats, Surface, Surfaces, Track, Tracker, VgaDetector,
 };
 
@@ -134,6 +134,8 @@ pub struct Found {
     pub rivals: Vec<Vec<(u16, f32)>>,
     /// For each detection: the surface on which the object lies; `None` where it is a plane.
     pub surfaces: Vec<Option<Surface>>,
+    /// Matched cells of each detection; empty without [`Request::matches`].
+    pub matches: Vec<Vec<CellMatch>>,
     /// Counts and times of the stages; ticks are nanoseconds.
     pub stats: Stats,
     /// Time from the decoded pixels to the detections, ns.
@@ -176,6 +178,7 @@ impl Found {
             detections,
             rivals: Vec::new(),
             surfaces: Vec::new(),
+            matches: Vec::new(),
             stats,
             total_ns: 0,
             corners: Vec::new(),
@@ -207,6 +210,9 @@ impl Found {
     pub fn map_back(&mut self, to_picture: &Homography) {
         for d in self.all_detections() {
             *d = d.mapped(to_picture);
+        }
+        for m in self.matches.iter_mut().flatten() {
+            m.frame = to_picture.apply(m.frame);
         }
         for s in self.surfaces.iter_mut().flatten() {
             *s = s.mapped(to_picture);
@@ -281,13 +287,27 @@ pub fn search_frame(
     }
     let found = Found { rivals: rivals_of(detector, &detections), ..Found::new(detections, *detector.stats()) };
     let mut found = Found { digests: watch.digests.take(), high_water: *detector.high_water(), ..found };
-    let surfaces = found.detections.iter().filter(|_| request.shape == Shape::Any);
-    found.surfaces = surfaces.map(|d| detector.surface(model, d, &mut watch)).collect();
+    let surfaces = found.detections.iter().filter(|_| request.wants_surfaces());
+    found.surfaces = surfaces.map(|d| detector.surface(model, d, request.known(), &mut watch)).collect();
+    if request.matches {
+        found.matches = matches_of(detector, model, &found);
+    }
     if request.details {
         show_all_of(detector, frame, model, (request, &watch))?;
         found.add_details(detector, model);
     }
     Ok(found)
+}
+
+/// The matched cells of each detection, near its surface or its plane.
+fn matches_of(detector: &AnyDetector, model: &Model<'_>, found: &Found) -> Vec<Vec<CellMatch>> {
+    let surfaces = found.surfaces.iter().copied().chain(std::iter::repeat(None));
+    let of = |(d, surface): (&Detection, Option<Surface>)| {
+        let object = model.object(usize::from(d.object));
+        let plane = || Surface::plane(&d.homography, [object.width as f32, object.height as f32]);
+        detector.matches(model, d, &surface.unwrap_or_else(plane)).to_vec()
+    };
+    found.detections.iter().zip(surfaces).map(of).collect()
 }
 
 /// After a search in tiles, searches the frame once more as a whole, in what is left of the budget: the
@@ -348,9 +368,9 @@ pub fn follow_frame(
         }
         found.add_details(detector, model);
     }
-    if request.shape == Shape::Any {
+    if request.wants_surfaces() {
         for track in &seen {
-            found.surfaces.push(surfaces.surface(detector, frame, model, track, &mut watch)?);
+            found.surfaces.push(surfaces.surface(detector, frame, model, track, request.known(), &mut watch)?);
         }
     }
     let seen = seen.iter().map(|t| (t.id, t.state)).collect();
@@ -379,7 +399,7 @@ pub fn search(
 /// # Errors
 /// When the picture is too small.
 pub fn search_for(picture: &Picture, model: &Model<'_>, request: &Request, slot: usize) -> Result<Found> {
-    in_profile(picture, request, slot, |detector, frame| search_frame(detector, frame, model, request))
+    in_profile(picture, request, slot, |detector, frame, request| search_frame(detector, frame, model, request))
 }
 
 /// Follows the model's objects into `picture`, the next of a sequence; `follower` has
@@ -394,7 +414,9 @@ pub fn follow(
     slot: usize,
     follower: &mut Follower,
 ) -> Result<Found> {
-    in_profile(picture, request, slot, |detector, frame| follow_frame(detector, follower, frame, model, request))
+    in_profile(picture, request, slot, |detector, frame, request| {
+        follow_frame(detector, follower, frame, model, request)
+    })
 }
 
 /// Prepares `picture`, calls `work` with it and with the detector of thread `slot`, and
@@ -403,7 +425,7 @@ fn in_profile(
     picture: &Picture,
     request: &Request,
     slot: usize,
-    work: impl FnOnce(&mut AnyDetector, &Frame<'_>) -> Result<Found, FrameError>,
+    work: impl FnOnce(&mut AnyDetector, &Frame<'_>, &Request) -> Result<Found, FrameError>,
 ) -> Result<Found> {
     let start = Instant::now();
     let scaled = prepare(picture, request)?;
@@ -419,11 +441,14 @@ fn in_profile(
         }
     })?;
     let slot = slot % MAX_THREADS;
+    let from_picture = scaled.to_picture.inverse();
+    let lens = request.lens.zip(from_picture).map(|(lens, map)| lens.mapped(&map.normalised()));
+    let own = &Request { lens, ..*request };
     let mut found = match request.profile {
-        Profile::Hd => work(&mut *lock(&HD[slot]), &frame),
-        Profile::Vga => work(&mut *lock(&VGA[slot]), &frame),
-        Profile::Qvga => work(&mut *lock(&QVGA[slot]), &frame),
-        Profile::Qqvga => work(&mut *lock(&QQVGA[slot]), &frame),
+        Profile::Hd => work(&mut *lock(&HD[slot]), &frame, own),
+        Profile::Vga => work(&mut *lock(&VGA[slot]), &frame, own),
+        Profile::Qvga => work(&mut *lock(&QVGA[slot]), &frame, own),
+        Profile::Qqvga => work(&mut *lock(&QQVGA[slot]), &frame, own),
     }?;
     found.map_back(&scaled.to_picture);
     (found.part, found.mirrored) = (scaled.part, request.mirror);

@@ -3,6 +3,7 @@
 
 pub mod boards;
 pub mod can;
+pub mod lensed;
 pub mod motion;
 
 use std::path::{Path, PathBuf};

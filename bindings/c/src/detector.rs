@@ -10,8 +10,8 @@ use core::ptr::addr_of_mut;
 
 use keygraph_core::stages::digest::Digests;
 use keygraph_core::{
-    DEFAULT_THRESHOLD, DETECTIONS, Depth, Detector, Frame, Hd, Model, Observer, Profile, Qqvga, Qvga, Surface, Vga,
-    Window,
+    DEFAULT_THRESHOLD, DETECTIONS, Depth, Detector, Frame, Hd, Known, Model, Observer, Profile, Qqvga, Qvga, Surface,
+    Vga, Window,
 };
 
 use crate::boundary::{Outcome, list, optional, put, told};
@@ -401,7 +401,7 @@ unsafe fn put_surface<P: Profile>(
         return Err(kg_status::KG_ERROR_INDEX);
     }
     let object = model.object(usize::from(found.object));
-    let bent = d.surface(model, found, &mut || 0);
+    let bent = d.surface(model, found, Known::default(), &mut || 0);
     let size = [object.width as f32, object.height as f32];
     let surface = bent.unwrap_or_else(|| Surface::plane(&found.homography, size));
     // SAFETY: the pointer is the caller's to give.

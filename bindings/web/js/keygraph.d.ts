@@ -169,7 +169,7 @@ export interface Detection {
    * Where the picture lies when a plane does not explain what is seen: a grid of points of it, row by row, px of
    * the frame.
    */
-  surface?: { cols: number; rows: number; points: Point[] };
+  surface?: { bent: boolean; homography: number[]; cols: number; rows: number; points: Point[] };
   /** Other objects that could be at this place. */
   rivals?: { object: string; score: number }[];
   /** With a tracker: the number of the instance. */

@@ -93,7 +93,11 @@ impl Lookout {
             None => search_for(&picture, &self.model, &request, 0)?,
         };
         let poses = self.calibration.as_ref();
-        let poses = poses.map(|c| found.detections.iter().map(|d| c.pose(&self.model, d)).collect::<Vec<_>>());
+        let surface = |i: usize| found.surfaces.get(i).and_then(Option::as_ref);
+        let poses = poses.map(|c| {
+            let pose = |(i, d)| c.pose(&self.model, d, surface(i));
+            found.detections.iter().enumerate().map(pose).collect::<Vec<_>>()
+        });
         let size = (picture.width, picture.height);
         let mut line = frame_line(&look.source, look.frame, size, &self.model, &found, poses.as_deref());
         if !look.details {

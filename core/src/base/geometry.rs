@@ -123,6 +123,21 @@ impl Homography {
         Self::affine([x, 0.0, (x - 1.0) / 2.0, 0.0, y, (y - 1.0) / 2.0])
     }
 
+    /// Makes the map from the corners `(0,0) (w,0) (w,h) (0,h)` of a picture to four places (P. Heckbert,
+    /// *Fundamentals of Texture Mapping and Image Warping*, 1989, section 2.2.3). It is not finite when
+    /// three of the places lie on a line.
+    #[must_use]
+    pub fn onto(p: &[[f32; 2]; 4], [w, h]: [f32; 2]) -> Self {
+        let d1 = [0, 1].map(|i| p[1][i] - p[2][i]);
+        let d2 = [0, 1].map(|i| p[3][i] - p[2][i]);
+        let s = [0, 1].map(|i| p[0][i] - p[1][i] + p[2][i] - p[3][i]);
+        let cross = |a: [f32; 2], b: [f32; 2]| a[0] * b[1] - a[1] * b[0];
+        let (g, k) = (cross(s, d2) / cross(d1, d2), cross(d1, s) / cross(d1, d2));
+        let row = |i: usize| [p[1][i] - p[0][i] + g * p[1][i], p[3][i] - p[0][i] + k * p[3][i], p[0][i]];
+        let ([a, b, c], [d, e, f]) = (row(0), row(1));
+        Self([a / w, b / h, c, d / w, e / h, f, g / w, k / h, 1.0])
+    }
+
     /// Returns the image of `p`. The result is not finite when the map sends `p` to infinity.
     #[must_use]
     #[cfg_attr(not(feature = "dispatch"), inline(never))]
@@ -276,6 +291,14 @@ mod tests {
         let i = h.after(&back).normalised();
         assert!(i.0.iter().zip(Homography::IDENTITY.0).all(|(a, b)| (a - b).abs() < 1e-4), "{i:?}");
         assert!(Homography([0.0; 9]).inverse().is_none());
+    }
+
+    #[test]
+    fn a_map_onto_an_outline_carries_corners_to_corners() {
+        let outline = [[20.0, 30.0], [150.0, 10.0], [180.0, 160.0], [40.0, 120.0]];
+        for (p, q) in Homography::onto(&outline, [100.0, 80.0]).outline(100.0, 80.0).iter().zip(&outline) {
+            assert!((p[0] - q[0]).abs() < 1e-3 && (p[1] - q[1]).abs() < 1e-3, "{p:?} is not {q:?}");
+        }
     }
 
     #[test]

@@ -86,6 +86,12 @@ pub fn sin_cos(x: f32) -> (f32, f32) {
     }
 }
 
+/// Returns the angle whose tangent is `x`, radians.
+#[must_use]
+pub fn atan(x: f32) -> f32 {
+    libm::atanf(x)
+}
+
 /// Returns the angle of `(x, y)` in radians, in `(-pi, pi]`, with an error below 0.003 rad. Use it
 /// for angle bins and vote bins only. The angle of the null vector is 0.
 #[must_use]

@@ -1,6 +1,6 @@
 //! This layer is the base of every other layer. It holds the fixed sizes, the counts of the stages,
-//! arithmetic that gives equal results on all targets, sorting in a known stack, points, and maps
-//! of the plane, what errors say, and whether work goes on.
+//! arithmetic that gives equal results on all targets, sorting in a known stack, points, maps
+//! of the plane and of lenses, what errors say, and whether work goes on.
 //!
 //! Rule: nothing here knows an image, a model or a frame.
 
@@ -10,3 +10,4 @@ pub mod capacity;
 pub mod math;
 pub mod sort;
 pub mod geometry;
+pub mod lens;

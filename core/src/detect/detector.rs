@@ -17,7 +17,7 @@ use crate::detect::observer::{Laps, Observer, Output, Stats, Tally, passed};
 use crate::detect::plan::{Depth, Plan, Scope, Wish};
 use crate::detect::scene::{Context, Scene, span, vertices};
 use crate::detect::search::{Place, Search};
-use crate::detect::surface::{self, Surface};
+use crate::detect::surface::{self, CellMatch, Known, Surface};
 use crate::extract::corners::SCRATCH_ROWS;
 use crate::image::frame::{Frame, FrameError, Window};
 use crate::image::pyramid::{PyramidMut, PyramidView, to_level0};
@@ -299,11 +299,26 @@ impl<P: Profile + ?Sized> Detector<P> {
         self.beaten().iter().filter(|d| d.is_rival(detection))
     }
 
-    /// The surface on which the object of a detection in the last frame lies; `None` when a plane explains
-    /// what is seen as well, and when `observer` says to stop. It takes about as long as a search that finds an
-    /// object; where the object is seen wholly on a plane, no time.
-    pub fn surface(&self, model: &Model<'_>, d: &Detection, observer: &mut dyn Observer) -> Option<Surface> {
-        surface::fit(&self.frame(), &model.object(usize::from(d.object)), d, None, &mut Laps::new(observer))
+    /// The surface on which the object of a detection in the last frame lies. Through a lens straight lines are
+    /// not straight, and even a plane is a surface. Without one, `None` when a plane explains what is seen as well,
+    /// and when `observer` says to stop. It takes about as long as a search that finds an object; where the
+    /// object is seen wholly on a plane, no time, and through a lens half of it.
+    pub fn surface(
+        &self,
+        model: &Model<'_>,
+        d: &Detection,
+        known: Known<'_>,
+        observer: &mut dyn Observer,
+    ) -> Option<Surface> {
+        let object = model.object(usize::from(d.object));
+        surface::fit(&self.frame(), &object, d, (known, None), &mut Laps::new(observer))
+    }
+
+    /// Matches the cells of an object's picture one by one with the last frame, near where `surface` has them: for
+    /// the calibration of a camera. A cell is an eighth of a side.
+    #[must_use]
+    pub fn matches(&self, model: &Model<'_>, d: &Detection, surface: &Surface) -> heapless::Vec<CellMatch, 64> {
+        surface::matches(&self.frame(), &model.object(usize::from(d.object)), surface)
     }
 
     /// Writes what the last frame shows on a surface as it looks flat: `width` x `height` px of luma, row by row, to

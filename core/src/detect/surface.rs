@@ -17,8 +17,9 @@
 use heapless::Vec;
 
 use crate::base::geometry::Homography;
+use crate::base::lens::Lens;
 use crate::base::math;
-use crate::base::pace::Pace;
+use crate::base::pace::{Pace, Steady};
 use crate::base::sort::sort;
 use crate::detect::appearance::level_of_area;
 use crate::detect::bend::{Bend, SHAPE, Sheet, normal};
@@ -51,22 +52,31 @@ const BETTER: [f32; 2] = [1.12, 3.0];
 const START_TURN: f32 = 0.7;
 
 /// Steps of the fit on one level: the template's level; cells along the side of a block of one light; maximum
-/// number of steps; a step that moves less than this, px of the level, is the last.
+/// number of steps; a step that moves less than this, px of the level, is the last; number of unknowns that
+/// change, first those of the plane.
 struct Stage {
     level: usize,
     block: usize,
     times: usize,
     still: f32,
+    unknowns: usize,
 }
+/// A stage that moves the plane and bends it.
+const fn bends([level, block, times]: [usize; 3], still: f32) -> Stage {
+    Stage { level, block, times, still, unknowns: UNKNOWNS }
+}
+/// For a plane that is seen through a lens: the plane alone.
+const PLANE: [Stage; 2] = [
+    Stage { level: 1, block: 1, times: 6, still: 0.03, unknowns: 8 },
+    Stage { level: 0, block: 1, times: 4, still: 0.03, unknowns: 8 },
+];
 /// For each of the starts.
-const FIRST: Stage = Stage { level: 2, block: 2, times: 3, still: 0.05 };
+const FIRST: Stage = bends([2, 2, 3], 0.05);
 /// For the best [`KEPT`] of them.
-const SECOND: [Stage; 2] =
-    [Stage { level: 2, block: 2, times: 4, still: 0.05 }, Stage { level: 1, block: 1, times: 2, still: 0.05 }];
+const SECOND: [Stage; 2] = [bends([2, 2, 4], 0.05), bends([1, 1, 2], 0.05)];
 const KEPT: usize = 2;
 /// For the best of those.
-const THIRD: [Stage; 2] =
-    [Stage { level: 1, block: 1, times: 6, still: 0.03 }, Stage { level: 0, block: 1, times: 6, still: 0.03 }];
+const THIRD: [Stage; 2] = [bends([1, 1, 6], 0.03), bends([0, 1, 6], 0.03)];
 /// Number of starts.
 const STARTS: u8 = 8;
 
@@ -78,6 +88,11 @@ pub struct Surface {
     /// Places in the frame of a grid of [`SIDE`] x [`SIDE`] points of the picture, px: row by row from its
     /// top left corner to its bottom right corner.
     pub points: [[f32; 2]; POINTS],
+    /// Whether the surface is bent. If not, it is a plane, seen through a lens.
+    pub is_bent: bool,
+    /// The plane: from picture px to px of the ideal frame, whose straight lines are straight. Without a lens that
+    /// is the frame itself. Of a bent surface it is the plane that touches it where it bends from.
+    pub homography: Homography,
     shape: Shape,
 }
 
@@ -100,13 +115,14 @@ impl Surface {
     pub fn plane(homography: &Homography, [width, height]: [f32; 2]) -> Self {
         let at = |i: usize| i as f32 / CELLS as f32;
         let points = core::array::from_fn(|i| homography.apply([at(i % SIDE) * width, at(i / SIDE) * height]));
-        Self { points, shape: Shape::FLAT }
+        Self { points, is_bent: false, homography: *homography, shape: Shape::FLAT }
     }
 
     /// The surface in px of a frame, where it is in px of a part of it.
     #[must_use]
     pub fn mapped(&self, to_frame: &Homography) -> Self {
-        Self { points: self.points.map(|p| to_frame.apply(p)), ..*self }
+        let homography = to_frame.after(&self.homography).normalised();
+        Self { points: self.points.map(|p| to_frame.apply(p)), homography, ..*self }
     }
 
     pub(crate) const fn shape(&self) -> Shape {
@@ -189,12 +205,14 @@ struct Scene {
     pairs: [[f32; 6]; ALL],
     /// How the cells are lit; for a block, at its first cell.
     light: [Shade; ALL],
+    /// Number of cells that have texture, and lie in the frame.
+    textured: f32,
 }
 
 const NO_SHADE: Shade = Shade { scale_t: 0.0, scale_f: 0.0, offset: 0.0, weight: 0.0, flat: 0.0 };
 
 impl Scene {
-    const EMPTY: Self = Self { errors: [[0.0; 5]; ALL], pairs: [[0.0; 6]; ALL], light: [NO_SHADE; ALL] };
+    const EMPTY: Self = Self { errors: [[0.0; 5]; ALL], pairs: [[0.0; 6]; ALL], light: [NO_SHADE; ALL], textured: 0.0 };
 
     /// Lays a level over the frame: its cells over those of `grid`, frame px. Sums the errors in the light of
     /// the look before, or none with `anew`. Then renews the light, and returns the number of cells that
@@ -217,15 +235,18 @@ impl Scene {
                 add_cell(&view.luma(source), level, cell, &at, shade, &mut self.errors[cell], pairs);
             }
         }
-        let mut agreeing = 0.0;
+        let (mut agreeing, mut textured) = (0.0, 0.0);
         for (shade, &pairs) in self.light.iter_mut().zip(&self.pairs) {
             let m = Moments::new(pairs);
             if m.is_textured() {
                 agreeing += agreement(m.correlation());
+                textured += 1.0;
             }
             *shade = Shade::new(&m);
         }
-        agreeing * (level.block * level.block) as f32
+        let cells = (level.block * level.block) as f32;
+        self.textured = textured * cells;
+        agreeing * cells
     }
 }
 
@@ -272,11 +293,13 @@ fn add<const N: usize>(sums: &mut [f32; N], values: [f32; N]) {
 
 /// A surface on its way to the right one: the map of the plane into the frame, and the shape.
 #[derive(Clone, Copy)]
-struct Fit {
+struct Fit<'a> {
     h: Homography,
     bend: Bend,
     /// Sides of the picture; the longer one is 1.
     size: [f32; 2],
+    /// The lens through which the plane of `h` is seen.
+    lens: Option<&'a Lens>,
 }
 
 /// Step of a number of the shape for its derivative.
@@ -288,7 +311,7 @@ const OF_SHAPE: [f32; 2] = [0.05, 1e-3];
 /// Maximum change of a number of the shape in a step.
 const LONGEST: f32 = 0.5;
 
-impl Fit {
+impl Fit<'_> {
     /// A place of the flat picture: `x` and `y` from its top left corner, in cells.
     fn flat(&self, x: f32, y: f32) -> [f32; 2] {
         [(x / CELLS as f32 - 0.5) * self.size[0], (y / CELLS as f32 - 0.5) * self.size[1]]
@@ -301,7 +324,10 @@ impl Fit {
 
     /// The grid in the frame.
     fn grid(&self) -> Grid {
-        self.plane(&self.bend.sheet()).map(|p| self.h.apply(p))
+        self.plane(&self.bend.sheet()).map(|p| {
+            let p = self.h.apply(p);
+            self.lens.map_or(p, |lens| lens.distort(p))
+        })
     }
 
     /// Takes the steps of a stage. Returns the number of cells that agree; `None` when they lead nowhere.
@@ -316,7 +342,7 @@ impl Fit {
         scene.look(view, &level, &self.grid(), true, pace);
         for _ in 0..stage.times {
             scene.look(view, &level, &self.grid(), false, pace);
-            if self.step(&scene.errors, &level)? < stage.still {
+            if self.step(&scene.errors, &level, stage.unknowns)? < stage.still {
                 break;
             }
         }
@@ -335,9 +361,9 @@ impl Fit {
         stages.iter().try_fold(0.0, |_, stage| self.improve(scene, what, stage, pace))
     }
 
-    /// Takes one Gauss-Newton step. Returns about how far it moves, px of the level.
+    /// Takes one Gauss-Newton step of the first `unknowns`. Returns about how far it moves, px of the level.
     #[inline(never)]
-    fn step(&mut self, errors: &[[f32; 5]; ALL], level: &Level<'_>) -> Option<f32> {
+    fn step(&mut self, errors: &[[f32; 5]; ALL], level: &Level<'_>, unknowns: usize) -> Option<f32> {
         let mut equations = [[0.0; UNKNOWNS + 1]; UNKNOWNS];
         let sheet = self.bend.sheet();
         let mut others = [const { Sheet::FLAT }; SHAPE];
@@ -358,7 +384,7 @@ impl Fit {
             let [own, of_mean] = if i < 8 { OF_PLANE } else { OF_SHAPE };
             row[i] += own * row[i] + of_mean * mean;
         }
-        let d = solve(&mut equations, UNKNOWNS)?;
+        let d = solve(&mut equations, unknowns)?;
         let step = Homography([1.0 + d[0], d[1], d[2], d[3], 1.0 + d[4], d[5], d[6], d[7], 1.0]);
         self.h = self.h.after(&step).normalised();
         for (v, d) in self.bend.0.iter_mut().zip(&d[8..]) {
@@ -421,46 +447,97 @@ fn add_equations(
     }
 }
 
+/// What is known before a surface is fitted.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Known<'a> {
+    /// The camera and its lens, px of the frame.
+    pub lens: Option<&'a Lens>,
+    /// Whether the object is flat.
+    pub is_flat: bool,
+}
+
 /// Whether a surface is looked for: a plane leaves some of the object unexplained.
 pub(crate) fn may_be_bent(d: &Detection) -> bool {
     d.appearance.visible < 1.0 - LEAST_BENT
 }
 
-/// Fits a surface to a detection in the frame of `view`, from the shape `start` if it is given. `None` when a
-/// plane explains what is seen as well, or when `pace` says to stop.
+/// Fits a surface to a detection in the frame of `view`, from the shape `start` if it is given. Without a lens `None` when a plane explains what is seen as well. `None` also when nothing is seen
+/// through the lens where the object is, and when `pace` says to stop.
 pub(crate) fn fit(
     view: &PyramidView<'_>,
     object: &Object<'_>,
     d: &Detection,
-    start: Option<&Shape>,
+    (Known { lens, is_flat }, start): (Known<'_>, Option<&Shape>),
     pace: &mut dyn Pace,
 ) -> Option<Surface> {
-    if !may_be_bent(d) {
+    if lens.is_none() && (is_flat || !may_be_bent(d)) {
         return None;
     }
     let [w, h] = [object.width as f32, object.height as f32];
     let side = w.max(h);
-    let onto = d.homography.after(&Homography::affine([side, 0.0, w / 2.0, 0.0, side, h / 2.0])).normalised();
-    let plane = Fit { h: onto, bend: Bend::FLAT, size: [w / side, h / side] };
-    let (what, mut scene) = ((view, object), Scene::EMPTY);
-    let flat = scene.look(view, &Level::new(object, &THIRD[1]), &plane.grid(), true, pace);
-    let mut fit = match start {
-        Some(shape) => Fit { h: onto.after(&shape.to_plane), bend: shape.bend, ..plane },
-        None => begin(&plane, &mut scene, what, pace)?,
+    let unit = Homography::affine([side, 0.0, w / 2.0, 0.0, side, h / 2.0]);
+    let ideal = match lens {
+        None => d.homography,
+        Some(lens) => without(lens, &d.homography, [w, h])?,
     };
-    let bent = fit.improve_by(&mut scene, what, &THIRD, pace)?;
+    let size = [w / side, h / side];
+    let mut plane = Fit { h: ideal.after(&unit).normalised(), bend: Bend::FLAT, size, lens };
+    let (what, mut scene) = ((view, object), Scene::EMPTY);
+    let finest = Level::new(object, &THIRD[1]);
+    let flat = match lens {
+        None => scene.look(view, &finest, &plane.grid(), true, pace),
+        Some(_) => plane.improve_by(&mut scene, what, &PLANE, pace)?,
+    };
+    let onto = plane.h;
     let [times, more] = BETTER;
-    let shape = Shape { bend: fit.bend, to_plane: onto.inverse()?.after(&fit.h).normalised() };
-    (bent > times * flat + more).then(|| Surface { points: fit.grid(), shape })
+    if !is_flat && (lens.is_none() || flat < LEAST_PLAIN * scene.textured) {
+        let bent = match start {
+            Some(shape) => Some(Fit { h: onto.after(&shape.to_plane), bend: shape.bend, ..plane }),
+            None => begin(&plane, &mut scene, what, pace),
+        };
+        let bent = bent.and_then(|mut fit| Some((fit.improve_by(&mut scene, what, &THIRD, pace)?, fit)));
+        if let Some((agreeing, fit)) = bent
+            && agreeing > times * flat + more
+        {
+            let shape = Shape { bend: fit.bend, to_plane: onto.inverse()?.after(&fit.h).normalised() };
+            let homography = fit.h.after(&unit.inverse()?).normalised();
+            return Some(Surface { points: fit.grid(), is_bent: true, homography, shape });
+        }
+    }
+    let homography = plane.h.after(&unit.inverse()?).normalised();
+    lens.map(|_| Surface { points: plane.grid(), is_bent: false, homography, shape: Shape::FLAT })
+}
+
+/// Share of the cells that agree from which on a plane explains what is seen through a lens.
+const LEAST_PLAIN: f32 = 0.8;
+
+/// The map to the ideal frame of what `h` maps to the frame of a lens: the middle half of the picture, of `size`
+/// px, lies where it lay.
+fn without(lens: &Lens, h: &Homography, [w, height]: [f32; 2]) -> Option<Homography> {
+    let mut places = [[0.0; 2]; 4];
+    for (i, place) in places.iter_mut().enumerate() {
+        let at = [[0.25, 0.25], [0.75, 0.25], [0.75, 0.75], [0.25, 0.75]][i];
+        *place = lens.undistort(h.apply([at[0] * w, at[1] * height]))?;
+    }
+    let middle = Homography::onto(&places, [w / 2.0, height / 2.0]);
+    Some(middle.after(&Homography::affine([1.0, 0.0, -w / 4.0, 0.0, 1.0, -height / 4.0])).normalised())
 }
 
 /// The best of several shapes on the coarse levels.
-fn begin(plane: &Fit, scene: &mut Scene, what: (&PyramidView<'_>, &Object<'_>), pace: &mut dyn Pace) -> Option<Fit> {
-    let view = what.0;
-    let frame = [view.luma(0).width() as f32, view.luma(0).height() as f32];
-    // The focal length is a guess; the fit moves the normal.
-    let normal = normal(&plane.h, frame.map(|v| v / 2.0), frame[0].max(frame[1]))?;
-    let mut starts: Vec<(Fit, f32), { STARTS as usize }> = Vec::new();
+fn begin<'a>(
+    plane: &Fit<'a>,
+    scene: &mut Scene,
+    what: (&PyramidView<'_>, &Object<'_>),
+    pace: &mut dyn Pace,
+) -> Option<Fit<'a>> {
+    let frame = [what.0.luma(0).width() as f32, what.0.luma(0).height() as f32];
+    // Without a lens the focal length is a guess; the fit moves the normal.
+    let (focal, centre) = match plane.lens.map(Lens::intrinsics) {
+        Some([fx, _, cx, cy]) => (fx, [cx, cy]),
+        None => (frame[0].max(frame[1]), frame.map(|v| v / 2.0)),
+    };
+    let normal = normal(&plane.h, centre, focal)?;
+    let mut starts: Vec<(Fit<'_>, f32), { STARTS as usize }> = Vec::new();
     for start in 0..STARTS {
         let angle = f32::from(start / 2) * core::f32::consts::FRAC_PI_4;
         let turn = if start.is_multiple_of(2) { START_TURN } else { -START_TURN };
@@ -479,6 +556,53 @@ fn begin(plane: &Fit, scene: &mut Scene, what: (&PyramidView<'_>, &Object<'_>), 
     starts.first().map(|(fit, _)| *fit)
 }
 
+/// A place of the picture and where it is seen.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct CellMatch {
+    /// Place of the picture, px.
+    pub picture: [f32; 2],
+    /// Place in the frame, px.
+    pub frame: [f32; 2],
+    /// How well the cell around them agrees, 0 to 1.
+    pub weight: f32,
+}
+
+/// Minimum weight of a cell that is matched, and minimum strength of its steps in the weaker direction, as a share
+/// of the mean of all cells.
+const LEAST_MATCHED: f32 = 0.3;
+const LEAST_STEEP: f32 = 0.1;
+/// Maximum distance of a match from where the surface has it, px of the template.
+const FARTHEST_MATCH: f32 = 2.5;
+
+/// Matches the cells of the picture one by one, near where a surface has them.
+pub(crate) fn matches(view: &PyramidView<'_>, object: &Object<'_>, surface: &Surface) -> Vec<CellMatch, ALL> {
+    let (mut scene, level) = (Scene::EMPTY, Level::new(object, &THIRD[1]));
+    scene.look(view, &level, &surface.points, true, &mut Steady);
+    scene.look(view, &level, &surface.points, false, &mut Steady);
+    let size = [object.width as f32, object.height as f32];
+    let mean = scene.errors.iter().map(|e| e[0] + e[2]).sum::<f32>() / ALL as f32;
+    let mut all = Vec::new();
+    for (cell, (&[xx, xy, yy, xe, ye], shade)) in scene.errors.iter().zip(&scene.light).enumerate() {
+        // A cell with steps in one direction alone slides along the other. The errors are of steps over two px.
+        let det = xx * yy - xy * xy;
+        let weaker = det / (xx + yy).max(1e-6);
+        if shade.weight < LEAST_MATCHED || weaker < LEAST_STEEP * mean {
+            continue;
+        }
+        let off = [2.0 * (yy * xe - xy * ye) / det, 2.0 * (xx * ye - xy * xe) / det];
+        if off[0] * off[0] + off[1] * off[1] > FARTHEST_MATCH * FARTHEST_MATCH {
+            continue;
+        }
+        let at = [cell % CELLS, cell / CELLS].map(|v| (v as f32 + 0.5) / CELLS as f32);
+        let moved = [0, 1].map(|i| at[i] + off[i] * level.scale[i][0] / CELLS as f32);
+        let picture = [0, 1].map(|i| moved[i] * size[i]);
+        let matched = CellMatch { picture, frame: surface.at(at), weight: shade.weight };
+        // There is room for all.
+        let _ = all.push(matched);
+    }
+    all
+}
+
 /// Samples a plane of a frame on a surface, `width` x `height` px, row by row, into `out`.
 pub(crate) fn flatten(plane: &Plane<'_, u8>, surface: &Surface, [width, height]: [usize; 2], out: &mut [u8]) {
     let at = |px: usize, side: usize| px as f32 / side as f32;
@@ -489,14 +613,13 @@ pub(crate) fn flatten(plane: &Plane<'_, u8>, surface: &Surface, [width, height]:
 }
 
 /// Sorts fits by the number of cells that agree.
-fn best_first(fits: &mut [(Fit, f32)]) {
+fn best_first(fits: &mut [(Fit<'_>, f32)]) {
     sort(fits, |a, b| a.1.total_cmp(&b.1).is_gt());
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::base::pace::Steady;
     use crate::detect::appearance::appearance;
     use crate::detect::appearance::tests::{SIDE as PX, setup_bent, template};
     use crate::image::pyramid::Pyramid;
@@ -543,11 +666,11 @@ mod tests {
             // The plane touches the can along the middle of the label.
             let d = found(&p, &o, &h);
             let before = error(&Surface::plane(&d.homography, SIZE), &h);
-            let surface = fit(&p.view(), &o, &d, None, &mut Steady).expect("a surface");
+            let surface = fit(&p.view(), &o, &d, (Known::default(), None), &mut Steady).expect("a surface");
             let after = error(&surface, &h);
             assert!(before > 1.5 && after < if hide { 1.5 } else { 0.4 }, "{before} px became {after} px");
             // From where it was, it is fitted again.
-            let again = fit(&p.view(), &o, &d, Some(&surface.shape), &mut Steady).unwrap();
+            let again = fit(&p.view(), &o, &d, (Known::default(), Some(&surface.shape)), &mut Steady).unwrap();
             assert!(error(&again, &h) < after + 0.2, "{} px", error(&again, &h));
             if !hide {
                 let mut flat = [0; PX * PX];
@@ -567,7 +690,7 @@ mod tests {
             let o = object(&data);
             let d = found(&p, &o, &h);
             assert_eq!(may_be_bent(&d), hide, "{:?}", d.appearance);
-            assert!(fit(&p.view(), &o, &d, None, &mut Steady).is_none());
+            assert!(fit(&p.view(), &o, &d, (Known::default(), None), &mut Steady).is_none());
         }
     }
 

@@ -12,7 +12,7 @@ use crate::base::geometry::Homography;
 use crate::detect::buffers::Profile;
 use crate::detect::detector::Detector;
 use crate::detect::observer::{Laps, Observer};
-use crate::detect::surface::{Shape, Surface, fit, may_be_bent};
+use crate::detect::surface::{Known, Shape, Surface, fit, may_be_bent};
 use crate::follow::instance::{State, Track};
 use crate::follow::sight::part_of;
 use crate::image::frame::{Frame, FrameError};
@@ -26,7 +26,7 @@ const MOST: usize = 16;
 
 /// What is known of a track.
 #[derive(Clone, Copy, Debug)]
-struct Known {
+struct Shaped {
     id: u32,
     /// The shape in the last frame; `None` when a plane explained what was seen.
     shape: Option<Shape>,
@@ -38,19 +38,19 @@ struct Known {
 #[derive(Debug, Default)]
 pub struct Surfaces {
     /// Those that were asked for last come last.
-    known: Vec<Known, MOST>,
+    shapes: Vec<Shaped, MOST>,
 }
 
 impl Surfaces {
     /// No shapes.
     #[must_use]
     pub const fn new() -> Self {
-        Self { known: Vec::new() }
+        Self { shapes: Vec::new() }
     }
 
-    /// The surface on which an instance lies, in px of `frame`, the one that was tracked last; `None` when it is
-    /// lost, or when a plane explains what is seen of it, and when `observer` says to stop. Called for every
-    /// frame, it starts from the shape in the frame before. The part of the frame that shows the instance
+    /// The surface on which an instance lies, in px of `frame`, the one that was tracked last, as is `known`;
+    /// `None` when it is lost, and otherwise as [`Detector::surface`]. Called for every frame, it starts from the
+    /// shape in the frame before. The part of the frame that shows the instance
     /// becomes the frame of the detector.
     ///
     /// # Errors
@@ -61,40 +61,46 @@ impl Surfaces {
         frame: &Frame<'_>,
         model: &Model<'_>,
         track: &Track,
+        known: Known<'_>,
         observer: &mut dyn Observer,
     ) -> Result<Option<Surface>, FrameError> {
         let object = usize::from(track.detection.object);
-        if track.state == State::Lost || object >= model.objects() || !may_be_bent(&track.detection) {
+        if track.state == State::Lost || object >= model.objects() {
             return Ok(None);
         }
-        let mut known = self.take(track.id);
+        if known.lens.is_none() && !may_be_bent(&track.detection) {
+            return Ok(None);
+        }
+        let mut shaped = self.take(track.id);
         let mut surface = None;
-        if known.shape.is_none() && known.wait > 0 {
-            known.wait -= 1;
+        if known.lens.is_none() && shaped.shape.is_none() && shaped.wait > 0 {
+            shaped.wait -= 1;
         } else {
             let part = part_of(core::slice::from_ref(track), frame, model);
             detector.load_luma(frame, part, observer)?;
             let [x, y] = [part.x, part.y].map(|start| f32::from(id(start)));
             let to_frame = |sign: f32| Homography::affine([1.0, 0.0, sign * x, 0.0, 1.0, sign * y]);
             let within = track.detection.mapped(&to_frame(-1.0));
-            let pace = &mut Laps::new(observer);
-            let fitted = fit(&detector.frame(), &model.object(object), &within, known.shape.as_ref(), pace);
-            known = Known { shape: fitted.as_ref().map(Surface::shape), wait: RETRY, ..known };
+            let lens = known.lens.map(|lens| lens.mapped(&to_frame(-1.0)));
+            let how = (Known { lens: lens.as_ref(), ..known }, shaped.shape.as_ref());
+            let fitted = fit(&detector.frame(), &model.object(object), &within, how, &mut Laps::new(observer));
+            let bent = fitted.as_ref().filter(|s| s.is_bent);
+            shaped = Shaped { shape: bent.map(Surface::shape), wait: RETRY, ..shaped };
             surface = fitted.map(|s| s.mapped(&to_frame(1.0)));
         }
         // `take` has made room.
-        let _ = self.known.push(known);
+        let _ = self.shapes.push(shaped);
         Ok(surface)
     }
 
     /// Takes out what is known of a track, and leaves room for one.
-    fn take(&mut self, id: u32) -> Known {
-        if let Some(i) = self.known.iter().position(|k| k.id == id) {
-            return self.known.remove(i);
+    fn take(&mut self, id: u32) -> Shaped {
+        if let Some(i) = self.shapes.iter().position(|k| k.id == id) {
+            return self.shapes.remove(i);
         }
-        if self.known.is_full() {
-            self.known.remove(0);
+        if self.shapes.is_full() {
+            self.shapes.remove(0);
         }
-        Known { id, shape: None, wait: 0 }
+        Shaped { id, shape: None, wait: 0 }
     }
 }

@@ -27,7 +27,8 @@
 //! therefore given, with their errors. [`PlanePose::is_ambiguous`] says when they cannot be told
 //! apart. The position and the turn within the plane are reliable in both.
 //!
-//! The lens is assumed to be free of distortion.
+//! The camera is free of distortion: pass the homography of the ideal frame, [`Surface::homography`](crate::Surface),
+//! where there is a lens.
 //!
 //! Memory: only some 400 bytes of stack. Cost: about 40,000 operations a detection, nothing a
 //! frame.
@@ -87,6 +88,12 @@ impl Intrinsics {
     pub fn new(fx: f32, fy: f32, cx: f32, cy: f32) -> Result<Self, CameraError> {
         let valid = fx > 0.0 && fy > 0.0 && [fx, fy, cx, cy].iter().all(|v| v.is_finite());
         valid.then_some(Self { focal: [fx, fy], centre: [cx, cy] }).ok_or(CameraError::Intrinsics)
+    }
+
+    /// Returns the focal lengths and the principal point, px: `fx fy cx cy`.
+    #[must_use]
+    pub const fn numbers(&self) -> [f32; 4] {
+        [self.focal[0], self.focal[1], self.centre[0], self.centre[1]]
     }
 
     /// Returns where the camera sees `p`, px. `p` is in camera coordinates, in any unit. The result

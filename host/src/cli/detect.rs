@@ -9,15 +9,16 @@ use clap::error::ErrorKind;
 use keygraph::canvas::Canvas;
 use keygraph::gallery::Gallery;
 use keygraph::input::{Kind, Source, read_picture};
+use keygraph::lens::Optics;
 use keygraph::output::{Inputs, file_stem, plain, plain_lines, print_line};
-use keygraph::pose::{Calibration, Width, parse_intrinsics};
+use keygraph::pose::{Calibration, Width, parse_distortion, parse_intrinsics};
 use keygraph::progress::Progress;
 use keygraph::region::{Look, Unsuitable};
 use keygraph::run::{Options, run as search_all};
 use keygraph::search::{Profile, Request, Shape, depth_of, parse_budget, parse_share, parse_threshold, search_for};
 use keygraph::sensor::SensorFormat;
 use keygraph::{report, words};
-use keygraph_core::{DEFAULT_THRESHOLD, Intrinsics, Model};
+use keygraph_core::{DEFAULT_THRESHOLD, Distortion, Intrinsics, Lens, Model};
 
 use super::model_files::{expanded, is_model, load, parse};
 use super::train::name_of;
@@ -98,20 +99,42 @@ pub struct Search {
     track: bool,
     /// The camera's focal lengths and principal point, px of the input: reports the
     /// pose of each object
-    #[arg(long, value_name = "FX,FY,CX,CY", requires = "width_mm", conflicts_with = "mirror", value_parser = parse_intrinsics, allow_hyphen_values = true)]
+    #[arg(long, value_name = "FX,FY,CX,CY", group = "camera_of", conflicts_with = "mirror", value_parser = parse_intrinsics, allow_hyphen_values = true)]
     intrinsics: Option<Intrinsics>,
+    /// Distortion of the camera's lens, in OpenCV's order
+    #[arg(long, value_name = "K1,K2,P1,P2[,K3]", requires = "intrinsics", value_parser = parse_distortion, allow_hyphen_values = true)]
+    distortion: Option<Distortion>,
+    /// Calibration of the camera and its lens, as `keygraph calibrate`, OpenCV or ROS write it: outlines are
+    /// bent as the lens bends them
+    #[cfg(feature = "calibrate")]
+    #[arg(long, value_name = "FILE", group = "camera_of", conflicts_with_all = ["mirror", "intrinsics"])]
+    lens: Option<PathBuf>,
     /// True width of every object, mm, or of the object NAME; may be repeated
-    #[arg(long, value_name = "[NAME=]W", requires = "intrinsics", allow_hyphen_values = true)]
+    #[arg(long, value_name = "[NAME=]W", requires = "camera_of", allow_hyphen_values = true)]
     width_mm: Vec<Width>,
 }
 
 impl Search {
+    /// The camera's lens.
+    fn optics(&self) -> Result<Option<Optics>> {
+        #[cfg(feature = "calibrate")]
+        if let Some(path) = &self.lens {
+            return Ok(Some(keygraph::lens_file::read(path)?));
+        }
+        let lens = self.distortion.zip(self.intrinsics).map(|(d, i)| Lens::new(i.numbers(), d)).transpose()?;
+        Ok(lens.map(|lens| Optics::new(lens, None)))
+    }
+
     /// Intrinsics and widths, when poses are asked for. Widths that do not fit the model
     /// end the program.
-    fn calibration(&self, model: &Model<'_>) -> Option<Calibration> {
-        let intrinsics = self.intrinsics?;
+    fn calibration(&self, model: &Model<'_>, optics: Option<&Optics>) -> Result<Option<Calibration>> {
+        if self.width_mm.is_empty() {
+            return Ok(None);
+        }
+        let of_lens = optics.map(|o| o.lens().intrinsics()).map(|[fx, fy, cx, cy]| Intrinsics::new(fx, fy, cx, cy));
+        let Some(intrinsics) = self.intrinsics.or(of_lens.transpose()?) else { return Ok(None) };
         let calibration = Calibration::new(intrinsics, &self.width_mm, model);
-        Some(calibration.unwrap_or_else(|e| usage_error(ErrorKind::ValueValidation, e)))
+        Ok(Some(calibration.unwrap_or_else(|e| usage_error(ErrorKind::ValueValidation, e))))
     }
 }
 
@@ -152,7 +175,11 @@ pub fn search(bytes: &[u8], paths: &[PathBuf], arguments: &Search) -> Result<Exi
         usage_error(ErrorKind::ArgumentConflict, message);
     }
     let model = parse(bytes, paths)?;
-    let calibration = arguments.calibration(&model);
+    if arguments.intrinsics.is_some() && arguments.distortion.is_none() && arguments.width_mm.is_empty() {
+        usage_error(ErrorKind::MissingRequiredArgument, "--intrinsics needs --width-mm, or --distortion");
+    }
+    let optics = arguments.optics()?;
+    let calibration = arguments.calibration(&model, optics.as_ref())?;
     let options = Options {
         request: Request {
             budget: arguments.budget_ms,
@@ -170,6 +197,7 @@ pub fn search(bytes: &[u8], paths: &[PathBuf], arguments: &Search) -> Result<Exi
         track: arguments.track,
         annotate: arguments.annotate.is_some(),
         rectify: arguments.rectify.is_some(),
+        optics,
         calibration: calibration.as_ref(),
     };
     let mut source = Source::open(&arguments.inputs)?;
