@@ -203,7 +203,11 @@ pub mod stages {
         pub use crate::model::train::MAX_VIEW_KEYPOINTS;
     }
 
-    pub use crate::detect::{align, classify, digest, hough, plan, pose, scrutiny, surface, verify, vote};
+    pub use crate::detect::{align, classify, digest, hough, plan, pose, scrutiny, verify, vote};
+    /// The grid of a surface.
+    pub mod surface {
+        pub use crate::detect::cells::{POINTS, SIDE};
+    }
     /// Appearance of a frame at a pose: whether it looks like the object there.
     pub mod appearance {
         pub use crate::detect::appearance::{appearance, is_plausible};

@@ -11,6 +11,7 @@ use anyhow::{Context, Result, anyhow, bail, ensure};
 use keygraph_core::{Distortion, Lens};
 use yaml_rust2::{Yaml, YamlLoader};
 
+use crate::calibrate::{Calibrated, Kind};
 use crate::lens::Optics;
 use crate::output::plain;
 
@@ -59,6 +60,33 @@ pub fn parse(text: &str) -> Result<Optics> {
     let [width, height] =
         SIDES.map(|names| names.iter().find_map(|name| root[*name].as_i64()).and_then(|v| u32::try_from(v).ok()));
     Ok(Optics::new(lens, width.zip(height).map(|(w, h)| [w, h])))
+}
+
+/// The text of a calibration, as `cv2.FileStorage` writes it. `size` is that of the frames, px.
+///
+/// # Errors
+/// When the numbers are those of no lens.
+pub fn written(found: &Calibrated, [width, height]: [u32; 2]) -> Result<String> {
+    let (camera, k) = found.numbers.split_at(4);
+    // Read back before it is written.
+    found.lens()?;
+    let list = |v: &[f64]| v.iter().map(|v| format!("{v:.10}")).collect::<Vec<_>>().join(", ");
+    let matrix = list(&[camera[0], 0.0, camera[2], 0.0, camera[1], camera[3], 0.0, 0.0, 1.0]);
+    let model = match found.kind {
+        Kind::Brown => "plumb_bob",
+        Kind::Fisheye => "fisheye",
+    };
+    let of = |rows: usize, cols: usize, data: &str| {
+        format!("!!opencv-matrix\n   rows: {rows}\n   cols: {cols}\n   dt: d\n   data: [ {data} ]\n")
+    };
+    Ok(format!(
+        "%YAML:1.0\n---\nimage_width: {width}\nimage_height: {height}\ncamera_matrix: {}distortion_model: {model}\n\
+         distortion_coefficients: {}avg_reprojection_error: {:.6}\nnr_of_views: {}\n",
+        of(3, 3, &matrix),
+        of(1, k.len(), &list(k)),
+        found.error_px,
+        found.views.iter().flatten().count()
+    ))
 }
 
 /// The distortion of a kind of lens.

@@ -11,11 +11,14 @@
 //! - [`canvas`], [`annotate`], [`video`], [`progress`]: what is drawn, written and shown
 //! - [`sensor`]: pixels as a camera's sensor would give them
 //! - [`region`]: the part of a frame that is searched
+//! - [`request`]: how frames are searched
 //! - [`search`]: one frame through a detector of the right size
 //! - [`trail`]: frames in order through a tracker
 //! - [`margins`]: plain margins of a picture
 //! - [`cutout`]: the object cut out of a picture, seen from the front
 //! - [`mod@alike`]: objects that look alike
+//! - [`lens`], `calibrate`, `lens_file`: the camera's lens; measured with a picture, read and written (the last two with
+//!   the feature `calibrate`)
 //! - [`pose`]: poses of detections in space
 //! - [`learn`]: training on a picture; merging models
 //! - [`random`]: random numbers that are equal on every machine
@@ -52,6 +55,8 @@ pub mod margins;
 pub mod cutout;
 pub mod alike;
 pub mod lens;
+#[cfg(feature = "calibrate")]
+pub mod calibrate;
 #[cfg(feature = "calibrate")]
 pub mod lens_file;
 pub mod pose;

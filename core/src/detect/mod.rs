@@ -17,6 +17,7 @@ pub mod detection;
 pub mod outline;
 pub mod scrutiny;
 pub mod bend;
+pub mod cells;
 pub mod surface;
 pub mod belief;
 pub mod observer;

@@ -21,23 +21,14 @@ use crate::base::lens::Lens;
 use crate::base::math;
 use crate::base::pace::{Pace, Steady};
 use crate::base::sort::sort;
-use crate::detect::appearance::level_of_area;
 use crate::detect::bend::{Bend, SHAPE, Sheet, normal};
+use crate::detect::cells::{ALL, CELLS, Grid, Level, POINTS, SIDE, Scene, corners};
 use crate::detect::detection::Detection;
-use crate::detect::light::{LEAST_WEIGHT, Moments, Shade, agreement};
 use crate::detect::pose::solve;
 use crate::image::plane::Plane;
-use crate::image::pyramid::{PyramidView, into_level};
+use crate::image::pyramid::PyramidView;
 use crate::model::parse::Object;
 
-/// Number of cells in each direction.
-const CELLS: usize = 8;
-/// Number of cells.
-const ALL: usize = CELLS * CELLS;
-/// Number of columns of grid points, and of rows.
-pub const SIDE: usize = CELLS + 1;
-/// Number of grid points.
-pub const POINTS: usize = SIDE * SIDE;
 /// Number of unknowns: those of a homography and of a shape.
 const UNKNOWNS: usize = 8 + SHAPE;
 
@@ -151,146 +142,6 @@ impl Surface {
     }
 }
 
-type Grid = [[f32; 2]; POINTS];
-
-/// Grid points at the corners of a cell: above, then below, left before right.
-fn corners(cell: usize) -> [usize; 4] {
-    let first = cell / CELLS * SIDE + cell % CELLS;
-    [first, first + 1, first + SIDE, first + SIDE + 1]
-}
-
-/// A level of the template, divided into cells.
-struct Level<'a> {
-    luma: Plane<'a, u8>,
-    /// First column and row of each cell, and the end of the last.
-    starts: [[usize; SIDE]; 2],
-    /// From px of the level to cells, along each axis: factor and offset.
-    scale: [[f32; 2]; 2],
-    /// Number of cells along the side of a block of one light.
-    block: usize,
-}
-
-impl<'a> Level<'a> {
-    fn new(o: &Object<'a>, stage: &Stage) -> Self {
-        let luma = o.template.luma(stage.level);
-        let step = f32::from(1u8 << stage.level);
-        // `picture`, `whole` and `side` are the lengths of the picture, of the template and of its level, px.
-        let axis = |picture: u32, whole: usize, side: usize| {
-            let scale = step * CELLS as f32 / whole as f32;
-            let offset = scale / 2.0 - CELLS as f32 / 2.0 / picture as f32;
-            let start = |c: usize| {
-                let before = math::floor((offset - c as f32) / scale);
-                usize::try_from(-before).unwrap_or(0).min(side)
-            };
-            ([scale, offset], core::array::from_fn(start))
-        };
-        let (across, columns) = axis(o.width, o.template.width, luma.width());
-        let (down, rows) = axis(o.height, o.template.height, luma.height());
-        Self { luma, starts: [columns, rows], scale: [across, down], block: stage.block }
-    }
-
-    /// The first cell of the block that a cell belongs to.
-    fn block_of(&self, cell: usize) -> usize {
-        let [x, y] = [cell % CELLS, cell / CELLS].map(|v| v / self.block * self.block);
-        y * CELLS + x
-    }
-}
-
-/// What a look at a level tells of each cell.
-struct Scene {
-    /// Weighted sums of the products of the template's steps, `x x`, `x y`, `y y`, and of each step and the
-    /// error: what the frame shows minus what the template says.
-    errors: [[f32; 5]; ALL],
-    /// As [`Moments::new`] wants them; for a block, at its first cell.
-    pairs: [[f32; 6]; ALL],
-    /// How the cells are lit; for a block, at its first cell.
-    light: [Shade; ALL],
-    /// Number of cells that have texture, and lie in the frame.
-    textured: f32,
-}
-
-const NO_SHADE: Shade = Shade { scale_t: 0.0, scale_f: 0.0, offset: 0.0, weight: 0.0, flat: 0.0 };
-
-impl Scene {
-    const EMPTY: Self = Self { errors: [[0.0; 5]; ALL], pairs: [[0.0; 6]; ALL], light: [NO_SHADE; ALL], textured: 0.0 };
-
-    /// Lays a level over the frame: its cells over those of `grid`, frame px. Sums the errors in the light of
-    /// the look before, or none with `anew`. Then renews the light, and returns the number of cells that
-    /// agree.
-    #[inline(never)]
-    fn look(&mut self, view: &PyramidView<'_>, level: &Level<'_>, grid: &Grid, anew: bool, pace: &mut dyn Pace) -> f32 {
-        self.errors.as_flattened_mut().fill(0.0);
-        self.pairs.as_flattened_mut().fill(0.0);
-        for cell in 0..ALL {
-            pace.goes_on();
-            let at = corners(cell).map(|n| grid[n]);
-            let [a, b, c, d] = at;
-            let area = ((d[0] - a[0]) * (c[1] - b[1]) - (d[1] - a[1]) * (c[0] - b[0])).abs() / 2.0;
-            if area.is_finite() {
-                let source = level_of_area(area * level.scale[0][0] * level.scale[1][0]);
-                let at = at.map(|p| into_level(source).apply_affine(p));
-                let first = level.block_of(cell);
-                let shade = if anew { &NO_SHADE } else { &self.light[first] };
-                let pairs = &mut self.pairs[first];
-                add_cell(&view.luma(source), level, cell, &at, shade, &mut self.errors[cell], pairs);
-            }
-        }
-        let (mut agreeing, mut textured) = (0.0, 0.0);
-        for (shade, &pairs) in self.light.iter_mut().zip(&self.pairs) {
-            let m = Moments::new(pairs);
-            if m.is_textured() {
-                agreeing += agreement(m.correlation());
-                textured += 1.0;
-            }
-            *shade = Shade::new(&m);
-        }
-        let cells = (level.block * level.block) as f32;
-        self.textured = textured * cells;
-        agreeing * cells
-    }
-}
-
-/// Adds the pixels of a cell whose corners lie at `at`, px of `plane`.
-fn add_cell(
-    plane: &Plane<'_, u8>,
-    level: &Level<'_>,
-    cell: usize,
-    &[a, b, c, d]: &[[f32; 2]; 4],
-    shade: &Shade,
-    errors: &mut [f32; 5],
-    pairs: &mut [f32; 6],
-) {
-    let ([columns, rows], [i, j]) = (&level.starts, [cell % CELLS, cell / CELLS]);
-    let part = |px: usize, [scale, offset]: [f32; 2], cell: usize| px as f32 * scale + offset - cell as f32;
-    let mix = |p: [f32; 2], q: [f32; 2], t: f32| [0, 1].map(|k| p[k] + (q[k] - p[k]) * t);
-    let last = level.luma.height() - 1;
-    for y in rows[j]..rows[j + 1] {
-        let t = part(y, level.scale[1], j);
-        let (left, right) = (mix(a, c, t), mix(b, d, t));
-        let [above, row, below] = [y.saturating_sub(1), y, (y + 1).min(last)].map(|y| level.luma.row(y));
-        for x in columns[i]..columns[i + 1] {
-            let [u, v] = mix(left, right, part(x, level.scale[0], i));
-            let Some(f) = plane.sample_one(u, v) else { continue };
-            let t = f32::from(row[x]);
-            add(pairs, [1.0, t, f, t * t, f * f, t * f]);
-            let has_neighbours = x > 0 && x + 1 < row.len() && y > 0 && y < last;
-            if shade.weight >= LEAST_WEIGHT && has_neighbours {
-                let step = |before: u8, after: u8| (f32::from(after) - f32::from(before)) * shade.scale_t;
-                let (gx, gy) = (step(row[x - 1], row[x + 1]), step(above[x], below[x]));
-                let e = f * shade.scale_f - t * shade.scale_t + shade.offset;
-                let weight = shade.weight / (1.0 + e * e);
-                add(errors, [gx * gx, gx * gy, gy * gy, gx * e, gy * e].map(|v| v * weight));
-            }
-        }
-    }
-}
-
-fn add<const N: usize>(sums: &mut [f32; N], values: [f32; N]) {
-    for (sum, v) in sums.iter_mut().zip(values) {
-        *sum += v;
-    }
-}
-
 /// A surface on its way to the right one: the map of the plane into the frame, and the shape.
 #[derive(Clone, Copy)]
 struct Fit<'a> {
@@ -338,7 +189,7 @@ impl Fit<'_> {
         stage: &Stage,
         pace: &mut dyn Pace,
     ) -> Option<f32> {
-        let level = Level::new(object, stage);
+        let level = Level::new(object, stage.level, stage.block);
         scene.look(view, &level, &self.grid(), true, pace);
         for _ in 0..stage.times {
             scene.look(view, &level, &self.grid(), false, pace);
@@ -483,7 +334,7 @@ pub(crate) fn fit(
     let size = [w / side, h / side];
     let mut plane = Fit { h: ideal.after(&unit).normalised(), bend: Bend::FLAT, size, lens };
     let (what, mut scene) = ((view, object), Scene::EMPTY);
-    let finest = Level::new(object, &THIRD[1]);
+    let finest = Level::new(object, 0, 1);
     let flat = match lens {
         None => scene.look(view, &finest, &plane.grid(), true, pace),
         Some(_) => plane.improve_by(&mut scene, what, &PLANE, pace)?,
@@ -576,7 +427,7 @@ const FARTHEST_MATCH: f32 = 2.5;
 
 /// Matches the cells of the picture one by one, near where a surface has them.
 pub(crate) fn matches(view: &PyramidView<'_>, object: &Object<'_>, surface: &Surface) -> Vec<CellMatch, ALL> {
-    let (mut scene, level) = (Scene::EMPTY, Level::new(object, &THIRD[1]));
+    let (mut scene, level) = (Scene::EMPTY, Level::new(object, 0, 1));
     scene.look(view, &level, &surface.points, true, &mut Steady);
     scene.look(view, &level, &surface.points, false, &mut Steady);
     let size = [object.width as f32, object.height as f32];

@@ -3,7 +3,7 @@
 //! - `model_files`: models as files, read and parsed
 //! - `compare`: objects that look alike
 //! - `values`: values of arguments that several commands take
-//! - `train`, `pack`, `inspect`, `assess`, `detect`, `find`, `bench`, `camera`, `order`, `extras`, `demo`: the commands
+//! - `train`, `pack`, `inspect`, `assess`, `detect`, `find`, `bench`, `calibrate`, `camera`, `order`, `extras`, `demo`: the commands
 
 mod compare;
 mod model_files;
@@ -11,6 +11,8 @@ mod values;
 
 mod assess;
 mod bench;
+#[cfg(feature = "calibrate")]
+mod calibrate;
 #[cfg(feature = "live")]
 mod camera;
 mod demo;
@@ -64,6 +66,12 @@ enum Command {
     /// the first pass found. The digest stands for the output of all stages; it is the
     /// same on every machine.
     Bench(bench::Arguments),
+    /// Measure a camera and its lens with a trained picture
+    ///
+    /// The picture is shown to the camera from many sides; no chessboard is needed. Focal lengths, principal point
+    /// and distortion are written as OpenCV reads them, for `detect --lens`.
+    #[cfg(feature = "calibrate")]
+    Calibrate(calibrate::Arguments),
     /// Find the objects of models in front of a camera, live
     ///
     /// Prints JSON lines, serves a page that shows what is seen and learns objects
@@ -96,6 +104,8 @@ pub fn run() -> Result<ExitCode> {
         Command::Detect(arguments) => return detect::run(arguments),
         Command::Find(arguments) => return find::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments)?,
+        #[cfg(feature = "calibrate")]
+        Command::Calibrate(arguments) => calibrate::run(&arguments)?,
         #[cfg(feature = "live")]
         Command::Camera(arguments) => camera::run(&arguments)?,
         #[cfg(feature = "live")]
