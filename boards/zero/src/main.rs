@@ -5,7 +5,9 @@
 
 use core::panic::PanicInfo;
 
-use keygraph_core::{HdDetector, QqvgaDetector, QqvgaTrainer, QvgaDetector, Surfaces, Tracker, VgaDetector, VgaTrainer};
+use keygraph_core::{
+    HdDetector, QqvgaDetector, QqvgaTrainer, QvgaDetector, Surfaces, Tracker, VgaDetector, VgaTrainer,
+};
 use static_cell::ConstStaticCell;
 
 /// A value of each type that a board places.

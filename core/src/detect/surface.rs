@@ -57,7 +57,8 @@ const fn bends([level, block, times]: [usize; 3], still: f32) -> Stage {
     Stage { level, block, times, still, unknowns: UNKNOWNS }
 }
 /// For a plane that is seen through a lens: the plane alone.
-const PLANE: [Stage; 2] = [
+const PLANE: [Stage; 3] = [
+    Stage { level: 2, block: 2, times: 5, still: 0.05, unknowns: 8 },
     Stage { level: 1, block: 1, times: 6, still: 0.03, unknowns: 8 },
     Stage { level: 0, block: 1, times: 4, still: 0.03, unknowns: 8 },
 ];

@@ -2,7 +2,7 @@
 //!
 //! In: a frame, and a track that is seen in it. Out: its surface, if it lies on one that is bent. A track that
 //! a plane explained is tried again after [`RETRY`] frames. Memory: some 1.4 KB in [`Surfaces`]. Cost: that of
-//! converting the part of the frame that shows the track, and of `surface`: a third of it where the shape is
+//! converting the part of the frame that shows the track, and of `surface`: half of it where the shape is
 //! known. Full: beyond 16 tracks, the shapes that have not been asked for longest are forgotten.
 
 use heapless::Vec;
