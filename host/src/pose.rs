@@ -4,10 +4,13 @@
 //! input. Out: a [`PlanePose`] for each detection. Memory: a number for each object. Cost:
 //! some microseconds for each detection.
 
+use std::collections::HashMap;
 use std::str::FromStr;
 
 use anyhow::{Result, bail};
 use keygraph_core::{CameraError, Detection, Distortion, Intrinsics, Lens, Model, PlanePose, Surface, plane_pose};
+
+use crate::lens::Optics;
 
 /// Parses the intrinsics `fx,fy,cx,cy`, px of the input.
 ///
@@ -54,13 +57,71 @@ impl FromStr for Width {
     }
 }
 
+/// The camera, its lens and the widths of objects, as command lines give them.
+#[derive(Clone, Debug, Default, clap::Args)]
+pub struct CameraArguments {
+    /// The camera's focal lengths and principal point, px of the input: reports the
+    /// pose of each object
+    #[arg(long, value_name = "FX,FY,CX,CY", group = "camera_of", conflicts_with = "mirror", value_parser = parse_intrinsics, allow_hyphen_values = true)]
+    intrinsics: Option<Intrinsics>,
+    /// Distortion of the camera's lens, in OpenCV's order
+    #[arg(long, value_name = "K1,K2,P1,P2[,K3]", requires = "intrinsics", value_parser = parse_distortion, allow_hyphen_values = true)]
+    distortion: Option<Distortion>,
+    /// Calibration of the camera and its lens, as `keygraph calibrate`, OpenCV or ROS write it: outlines are
+    /// bent as the lens bends them
+    #[cfg(feature = "calibrate")]
+    #[arg(long, value_name = "FILE", group = "camera_of", conflicts_with_all = ["mirror", "intrinsics"])]
+    lens: Option<std::path::PathBuf>,
+    /// True width of every object, mm, or of the object NAME; may be repeated
+    #[arg(long, value_name = "[NAME=]W", requires = "camera_of", allow_hyphen_values = true)]
+    width_mm: Vec<Width>,
+}
+
+impl CameraArguments {
+    /// What is missing, for a message.
+    #[must_use]
+    pub const fn lacks(&self) -> Option<&'static str> {
+        let is_idle = self.intrinsics.is_some() && self.distortion.is_none() && self.width_mm.is_empty();
+        if is_idle { Some("--intrinsics needs --width-mm, or --distortion") } else { None }
+    }
+
+    /// The camera's lens.
+    ///
+    /// # Errors
+    /// When its file cannot be read.
+    pub fn optics(&self) -> Result<Option<Optics>> {
+        #[cfg(feature = "calibrate")]
+        if let Some(path) = &self.lens {
+            return Ok(Some(crate::lens_file::read(path)?));
+        }
+        let lens = self.distortion.zip(self.intrinsics).map(|(d, i)| Lens::new(i.numbers(), d)).transpose()?;
+        Ok(lens.map(|lens| Optics::new(lens, None)))
+    }
+
+    /// Intrinsics, when poses are asked for.
+    ///
+    /// # Errors
+    /// When no camera has those of the lens.
+    pub fn intrinsics(&self, optics: Option<&Optics>) -> Result<Option<Intrinsics>> {
+        let of_lens = optics.map(|o| o.lens().intrinsics()).map(|[fx, fy, cx, cy]| Intrinsics::new(fx, fy, cx, cy));
+        let known = self.intrinsics.map_or_else(|| of_lens.transpose(), |i| Ok(Some(i)))?;
+        Ok(known.filter(|_| !self.width_mm.is_empty()))
+    }
+
+    /// True widths.
+    #[must_use]
+    pub fn widths(&self) -> &[Width] {
+        &self.width_mm
+    }
+}
+
 /// A camera's intrinsics, and the true width of each object of a model.
 #[derive(Clone, Debug)]
 pub struct Calibration {
     intrinsics: Intrinsics,
     lens: Option<Lens>,
-    /// Width of each object, mm.
-    widths_mm: Vec<f32>,
+    /// Width of each object, mm; `None` for one whose width is not known.
+    widths_mm: Vec<Option<f32>>,
 }
 
 impl Calibration {
@@ -88,10 +149,19 @@ impl Calibration {
         };
         let shared = of(None)?;
         let width = |name: &&str| match of(Some(name))?.or(shared) {
-            Some(mm) => Ok(mm),
+            Some(mm) => Ok(Some(mm)),
             None => bail!("the width of {name} is missing: add --width-mm {name}=WIDTH"),
         };
         Ok(Self { intrinsics, lens: None, widths_mm: names.iter().map(width).collect::<Result<_>>()? })
+    }
+
+    /// Gives each object of `model` the last width with its name, or else the last width without a name, or none: for
+    /// models that come and go.
+    #[must_use]
+    pub fn of_any(intrinsics: Intrinsics, widths: &[Width], model: &Model<'_>) -> Self {
+        let last = |name: Option<&str>| widths.iter().rev().find(|w| w.name.as_deref() == name).map(|w| w.mm);
+        let width = |i: usize| last(Some(model.object(i).name)).or_else(|| last(None));
+        Self { intrinsics, lens: None, widths_mm: (0..model.objects()).map(width).collect() }
     }
 
     /// The same for frames of this lens, whose intrinsics count then.
@@ -105,7 +175,7 @@ impl Calibration {
     }
 
     /// The poses of a detection, whose homography is in px of the input, or of its plane seen through a lens.
-    /// `None` when no pose gives this homography, or when the object is bent.
+    /// `None` when no pose gives this homography, when the object is bent, or when its width is not known.
     #[must_use]
     pub fn pose(&self, model: &Model<'_>, detection: &Detection, surface: Option<&Surface>) -> Option<PlanePose> {
         if surface.is_some_and(|s| s.is_bent) {
@@ -115,14 +185,14 @@ impl Calibration {
         let object = model.object(index);
         let size_px = [object.width as f32, object.height as f32];
         let homography = surface.map_or(&detection.homography, |s| &s.homography);
-        plane_pose(homography, &self.intrinsics, size_px, self.widths_mm[index]).ok()
+        plane_pose(homography, &self.intrinsics, size_px, self.widths_mm[index]?).ok()
     }
 
     /// The object's axes in the input, px: the object's centre, then the ends of x (right),
     /// y (down) and z (into the picture). Each axis is half as long as the object is wide.
     #[must_use]
     pub fn axes(&self, detection: &Detection, pose: &PlanePose) -> [[f32; 2]; 4] {
-        let arm = self.widths_mm[usize::from(detection.object)] / 2.0;
+        let arm = self.widths_mm[usize::from(detection.object)].unwrap_or(0.0) / 2.0;
         [[0.0; 3], [arm, 0.0, 0.0], [0.0, arm, 0.0], [0.0, 0.0, arm]].map(|p| {
             let p = self.intrinsics.project(pose.best.apply(p));
             self.lens.map_or(p, |lens| lens.distort(p))
@@ -130,9 +200,40 @@ impl Calibration {
     }
 }
 
+/// Poses from frame to frame: of two that look alike, the one that goes on from the frame before.
+#[derive(Debug, Default)]
+pub struct Steady {
+    /// Rotation of each instance in the last frame.
+    before: HashMap<u32, [f32; 9]>,
+}
+
+impl Steady {
+    /// Orders the two poses of each instance, of which `id` is the number; `None` for one without a pose.
+    pub fn order<'a>(&mut self, poses: impl Iterator<Item = (u32, Option<&'a mut PlanePose>)>) {
+        let mut now = HashMap::new();
+        for (id, pose) in poses {
+            let Some(pose) = pose else { continue };
+            if let Some(before) = self.before.get(&id)
+                && pose.is_ambiguous()
+                && alike(before, &pose.mirrored.rotation) > alike(before, &pose.best.rotation)
+            {
+                std::mem::swap(&mut pose.best, &mut pose.mirrored);
+            }
+            now.insert(id, pose.best.rotation);
+        }
+        self.before = now;
+    }
+}
+
+/// How near two rotations are: the trace of one after the other turned back.
+fn alike(a: &[f32; 9], b: &[f32; 9]) -> f32 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use keygraph_core::Homography;
 
     #[test]
     fn intrinsics_are_four_numbers() {
@@ -143,6 +244,44 @@ mod tests {
         for text in ["0,600,320,240", "600,-1,320,240", "NaN,600,320,240", "600,600,inf,240"] {
             assert!(parse_intrinsics(text).is_err_and(|e| e.contains("focal lengths above 0")), "{text:?}");
         }
+    }
+
+    #[test]
+    fn of_two_poses_the_one_that_goes_on_is_told() {
+        // A small plane that is seen nearly from the front, and tilted a little.
+        let camera = Intrinsics::new(600.0, 600.0, 320.0, 240.0).expect("a camera");
+        let tilted = |degrees: f32| {
+            let (sin, cos) = degrees.to_radians().sin_cos();
+            // 100 px wide and high, 100 mm, 600 mm away, turned about y.
+            let h = Homography([cos, 0.0, 320.0, 0.0, 1.0, 240.0, -sin / 600.0, 0.0, 1.0]);
+            let h = h.after(&Homography::affine([1.0, 0.0, -50.0, 0.0, 1.0, -50.0]));
+            let h = Homography([
+                h.0[0] + 320.0 * h.0[6],
+                h.0[1],
+                h.0[2],
+                h.0[3] + 240.0 * h.0[6],
+                h.0[4],
+                h.0[5],
+                h.0[6],
+                h.0[7],
+                h.0[8],
+            ]);
+            plane_pose(&h.normalised(), &camera, [100.0; 2], 100.0).expect("a pose")
+        };
+        let (mut steady, first) = (Steady::default(), tilted(12.0));
+        let mut kept = first;
+        steady.order([(7, Some(&mut kept))].into_iter());
+        assert_eq!(kept, first, "the first is as it comes");
+        let mut swapped = first;
+        std::mem::swap(&mut swapped.best, &mut swapped.mirrored);
+        assert!(swapped.is_ambiguous(), "{swapped:?}");
+        steady.order([(7, Some(&mut swapped))].into_iter());
+        assert_eq!(swapped, first, "the second goes on");
+        let mut other = first;
+        std::mem::swap(&mut other.best, &mut other.mirrored);
+        let before = other;
+        steady.order([(8, Some(&mut other))].into_iter());
+        assert_eq!(other, before, "another instance");
     }
 
     #[test]

@@ -59,6 +59,40 @@ fn what_comes_and_goes_is_found_tracked_lost_and_found_with_its_id() {
 }
 
 #[test]
+fn poses_are_told_live_through_a_lens() {
+    let folder = Folder::new("space");
+    let (model, replay) = setup(&folder, [5; 3].into_iter());
+    let arguments = ["camera", "--replay", &replay, "--fps", "20", "-m", &model, "--json", "--frames", "6"];
+    let camera = [
+        "--intrinsics",
+        "600,600,319.5,239.5",
+        "--distortion",
+        "0,0,0,0",
+        "--width-mm",
+        "other=70",
+        "--width-mm",
+        "200",
+    ];
+    let run = keygraph(&[&arguments[..], &camera].concat()).ended_with(0);
+    for line in run.lines() {
+        let seen = &line["detections"][0];
+        let away = seen["pose"]["translation_mm"][2].as_f64().unwrap();
+        assert!((away - 276.6).abs() < 3.0, "{seen}");
+        assert_eq!(
+            (seen["surface"]["bent"].as_bool(), seen["axes"].as_array().unwrap().len()),
+            (Some(false), 4),
+            "{seen}"
+        );
+    }
+    // An object whose width is not known has no pose.
+    let run = keygraph(&[&arguments[..], &camera[..6]].concat()).ended_with(0);
+    assert!(run.lines().iter().all(|line| line["detections"][0]["pose"].is_null()));
+    keygraph(&[&arguments[..], &camera[..2]].concat())
+        .ended_with(2)
+        .said(&["--intrinsics needs --width-mm, or --distortion"]);
+}
+
+#[test]
 fn frames_are_followed_but_searched_while_corners_are_wanted() {
     let folder = Folder::new("wanted");
     let (model, replay) = setup(&folder, [2].into_iter());

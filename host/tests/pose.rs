@@ -230,6 +230,9 @@ fn a_camera_that_is_none_is_a_wrong_command_line() {
         (&["--intrinsics", INTRINSICS, "--width-mm", "-3"], "millimetres above 0"),
         (&["--intrinsics", INTRINSICS, "--width-mm", "NaN"], "millimetres above 0"),
         (&["--intrinsics", INTRINSICS, "--width-mm", "coffee=wide"], "millimetres above 0"),
+        (&["--intrinsics", INTRINSICS, "--distortion", "0.1,0.2"], "4, 5 or 8 numbers"),
+        (&["--distortion", "0,0,0,0"], "--intrinsics"),
+        (&["--intrinsics", INTRINSICS, "--lens", "camera.yaml"], "--lens"),
     ] {
         let run = detect(std::slice::from_ref(&model), &frame, options).ended_with(2).said(&[word]);
         assert_eq!(run.out, "", "{options:?}");

@@ -12,6 +12,7 @@ use tracing::level_filters::LevelFilter;
 use super::guard::parse_public;
 use super::mode::Format;
 use crate::cutout::{Outline, parse_outline};
+use crate::pose::CameraArguments;
 use crate::region::Look;
 use crate::search::{Profile, Shape, parse_budget, parse_share, parse_threshold};
 
@@ -128,6 +129,9 @@ pub struct Arguments {
     /// Which pixels of a frame are searched.
     #[command(flatten)]
     pub look: Look,
+    /// The camera and its lens, for poses.
+    #[command(flatten)]
+    pub camera: CameraArguments,
     /// Serve a page that shows what the camera sees: HOST:PORT, or a port of this machine alone
     /// [default address: 127.0.0.1:8080]
     #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = USUAL_ADDRESS, value_parser = place)]

@@ -27,6 +27,7 @@ use super::shot::{Shot, Work};
 use super::slot::{Slot, Taken};
 use super::tally::Tally;
 use super::tracker::{State, states};
+use crate::camera::space::Space;
 use crate::region::Unsuitable;
 use crate::report::{frame_line, rounded};
 use crate::search::{Found, Request};
@@ -165,7 +166,12 @@ type Sequence = (u64, (u32, u32), u32);
 ///
 /// # Errors
 /// The error that `each` returned; [`Unsuitable`] when the region does not suit the first frame.
-pub fn search_frames(live: &Live, wanted: Request, mut each: impl FnMut(&Outcome) -> Result<bool>) -> Result<()> {
+pub fn search_frames(
+    live: &Live,
+    wanted: Request,
+    mut space: Space,
+    mut each: impl FnMut(&Outcome) -> Result<bool>,
+) -> Result<()> {
     let mut rate = Rate::default();
     let mut trail = Trail::default();
     let (repeated, mut failures) = (Repeated::default(), 0);
@@ -174,6 +180,7 @@ pub fn search_frames(live: &Live, wanted: Request, mut each: impl FnMut(&Outcome
         let merged = live.models.merged();
         // The model is parsed once for each change, not for each frame: that reads all of it.
         let model = merged.bytes.as_ref().and_then(|b| Model::parse(b).ok());
+        space.meet(model.as_ref());
         while live.models.are(&merged) {
             let captured = match live.frames.take_within(LONGEST_HOLD) {
                 Taken::Item(captured) => captured,
@@ -184,7 +191,12 @@ pub fn search_frames(live: &Live, wanted: Request, mut each: impl FnMut(&Outcome
             let start = Instant::now();
             let details = live.is_watched() && live.wants_details();
             let request = Request { details, threshold: live.threshold(), ..wanted };
-            let found = match look_at(&captured, model.as_ref(), merged.generation, &mut trail, &request) {
+            let lens = space.lens(&captured.picture);
+            let found = lens.and_then(|lens| {
+                let request = Request { lens, ..request };
+                look_at(&captured, model.as_ref(), merged.generation, &mut trail, &request)
+            });
+            let found = match found {
                 Ok(found) => found,
                 // A camera that was replaced by one with smaller frames does not end the program.
                 Err(error) if error.is::<Unsuitable>() && !suits => return Err(error),
@@ -202,7 +214,7 @@ pub fn search_frames(live: &Live, wanted: Request, mut each: impl FnMut(&Outcome
             let searched = found.as_ref().and_then(|f| f.tracking.as_ref()).is_some_and(|t| t.searched);
             live.tally.frame(found.as_ref().map_or(0, |f| f.detections.len()), searched.then_some(time));
             let fps = rate.tick(Instant::now());
-            let mut outcome = outcome(live, &captured, model.as_ref(), found.as_ref());
+            let mut outcome = outcome(live, &captured, model.as_ref(), found.as_ref(), &mut space);
             outcome.line["fps"] = rounded(fps, 2);
             outcome.line["dropped"] = json!(live.frames.dropped());
             outcome.line["damaged"] = json!(live.damage.count());
@@ -239,7 +251,13 @@ fn look_at(
         .map(Some)
 }
 
-fn outcome(live: &Live, captured: &Captured, model: Option<&Model<'_>>, found: Option<&Found>) -> Outcome {
+fn outcome(
+    live: &Live,
+    captured: &Captured,
+    model: Option<&Model<'_>>,
+    found: Option<&Found>,
+    space: &mut Space,
+) -> Outcome {
     let size = (captured.picture.width, captured.picture.height);
     let (Some(model), Some(found)) = (model, found) else {
         let line = json!({
@@ -248,7 +266,9 @@ fn outcome(live: &Live, captured: &Captured, model: Option<&Model<'_>>, found: O
         });
         return Outcome { line, objects: Vec::new() };
     };
-    let line = frame_line(&live.source, captured.number, size, model, found, None);
+    let poses = space.poses(model, found);
+    let mut line = frame_line(&live.source, captured.number, size, model, found, poses.as_deref());
+    space.draw(&mut line, found, poses.as_deref());
     let best = |object: usize| {
         let scores = found.detections.iter().filter(|d| usize::from(d.object) == object).map(|d| d.score);
         scores.reduce(f32::max)

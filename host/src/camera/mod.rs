@@ -54,6 +54,7 @@ pub mod shelf;
 pub mod models;
 pub mod tracker;
 pub mod shot;
+pub mod space;
 pub mod live;
 #[cfg(all(feature = "camera", target_os = "linux"))]
 pub mod device;
@@ -75,6 +76,7 @@ use anyhow::{Result, anyhow, ensure};
 use keygraph_core::DEFAULT_THRESHOLD;
 use tracing::level_filters::LevelFilter;
 
+use crate::camera::space::Space;
 use crate::learn::{Learned, Plan};
 use crate::output::{plain, print_line, write_file};
 use crate::picture::Picture;
@@ -159,7 +161,8 @@ pub fn camera(arguments: &Arguments) -> Result<()> {
         mirror: arguments.look.mirror,
         ..Request::new(arguments.profile, arguments.threshold)
     };
-    let searched = search_frames(&live, wanted, |outcome| {
+    let space = Space::new(&arguments.camera)?;
+    let searched = search_frames(&live, wanted, space, |outcome| {
         diary.note(outcome);
         if let Some(publisher) = &mut publisher {
             publisher.take(outcome);
@@ -205,7 +208,7 @@ pub fn learn_from_camera(lesson: &Lesson, name: String, output: &Path, plan: &Pl
     let page = Page { address: lesson.web, token: lesson.token.clone(), public: None, school };
     let session = Session::start(&lesson.origin, &live, Some(page), None, 1)?;
     tracing::info!("open it, hold the object up, and press \"Learn an object\"");
-    let searched = search_frames(&live, Request::new(Profile::Vga, DEFAULT_THRESHOLD), |_| Ok(true));
+    let searched = search_frames(&live, Request::new(Profile::Vga, DEFAULT_THRESHOLD), Space::default(), |_| Ok(true));
     let ended = session.end();
     learned.try_recv().or_else(|_| ended.and(searched).and(Err(anyhow!(STOPPED))))
 }

@@ -9,16 +9,15 @@ use clap::error::ErrorKind;
 use keygraph::canvas::Canvas;
 use keygraph::gallery::Gallery;
 use keygraph::input::{Kind, Source, read_picture};
-use keygraph::lens::Optics;
 use keygraph::output::{Inputs, file_stem, plain, plain_lines, print_line};
-use keygraph::pose::{Calibration, Width, parse_distortion, parse_intrinsics};
+use keygraph::pose::{Calibration, CameraArguments};
 use keygraph::progress::Progress;
 use keygraph::region::{Look, Unsuitable};
 use keygraph::run::{Options, run as search_all};
 use keygraph::search::{Profile, Request, Shape, depth_of, parse_budget, parse_share, parse_threshold, search_for};
 use keygraph::sensor::SensorFormat;
 use keygraph::{report, words};
-use keygraph_core::{DEFAULT_THRESHOLD, Distortion, Intrinsics, Lens, Model};
+use keygraph_core::{DEFAULT_THRESHOLD, Model};
 
 use super::model_files::{expanded, is_model, load, parse};
 use super::train::name_of;
@@ -97,44 +96,17 @@ pub struct Search {
     /// frames of a camera, in order
     #[arg(long)]
     track: bool,
-    /// The camera's focal lengths and principal point, px of the input: reports the
-    /// pose of each object
-    #[arg(long, value_name = "FX,FY,CX,CY", group = "camera_of", conflicts_with = "mirror", value_parser = parse_intrinsics, allow_hyphen_values = true)]
-    intrinsics: Option<Intrinsics>,
-    /// Distortion of the camera's lens, in OpenCV's order
-    #[arg(long, value_name = "K1,K2,P1,P2[,K3]", requires = "intrinsics", value_parser = parse_distortion, allow_hyphen_values = true)]
-    distortion: Option<Distortion>,
-    /// Calibration of the camera and its lens, as `keygraph calibrate`, OpenCV or ROS write it: outlines are
-    /// bent as the lens bends them
-    #[cfg(feature = "calibrate")]
-    #[arg(long, value_name = "FILE", group = "camera_of", conflicts_with_all = ["mirror", "intrinsics"])]
-    lens: Option<PathBuf>,
-    /// True width of every object, mm, or of the object NAME; may be repeated
-    #[arg(long, value_name = "[NAME=]W", requires = "camera_of", allow_hyphen_values = true)]
-    width_mm: Vec<Width>,
+    /// The camera and its lens.
+    #[command(flatten)]
+    camera: CameraArguments,
 }
 
 impl Search {
-    /// The camera's lens.
-    fn optics(&self) -> Result<Option<Optics>> {
-        #[cfg(feature = "calibrate")]
-        if let Some(path) = &self.lens {
-            return Ok(Some(keygraph::lens_file::read(path)?));
+    /// Ends the program when the arguments lack something, before anything is read.
+    pub fn check(&self) {
+        if let Some(message) = self.camera.lacks() {
+            usage_error(ErrorKind::MissingRequiredArgument, message);
         }
-        let lens = self.distortion.zip(self.intrinsics).map(|(d, i)| Lens::new(i.numbers(), d)).transpose()?;
-        Ok(lens.map(|lens| Optics::new(lens, None)))
-    }
-
-    /// Intrinsics and widths, when poses are asked for. Widths that do not fit the model
-    /// end the program.
-    fn calibration(&self, model: &Model<'_>, optics: Option<&Optics>) -> Result<Option<Calibration>> {
-        if self.width_mm.is_empty() {
-            return Ok(None);
-        }
-        let of_lens = optics.map(|o| o.lens().intrinsics()).map(|[fx, fy, cx, cy]| Intrinsics::new(fx, fy, cx, cy));
-        let Some(intrinsics) = self.intrinsics.or(of_lens.transpose()?) else { return Ok(None) };
-        let calibration = Calibration::new(intrinsics, &self.width_mm, model);
-        Ok(Some(calibration.unwrap_or_else(|e| usage_error(ErrorKind::ValueValidation, e))))
     }
 }
 
@@ -144,6 +116,7 @@ impl Search {
 /// When a model cannot be read, or a result cannot be written. Frames that cannot be read
 /// are reported; they make the exit status 1.
 pub fn run(mut arguments: Arguments) -> Result<ExitCode> {
+    arguments.search.check();
     let inputs = &mut arguments.search.inputs;
     // Models between the inputs belong to -m, as in `-m *.kgm photo.jpg`.
     let strays: Vec<_> = inputs.extract_if(.., |path| is_model(path)).collect();
@@ -175,11 +148,11 @@ pub fn search(bytes: &[u8], paths: &[PathBuf], arguments: &Search) -> Result<Exi
         usage_error(ErrorKind::ArgumentConflict, message);
     }
     let model = parse(bytes, paths)?;
-    if arguments.intrinsics.is_some() && arguments.distortion.is_none() && arguments.width_mm.is_empty() {
-        usage_error(ErrorKind::MissingRequiredArgument, "--intrinsics needs --width-mm, or --distortion");
-    }
-    let optics = arguments.optics()?;
-    let calibration = arguments.calibration(&model, optics.as_ref())?;
+    let optics = arguments.camera.optics()?;
+    let calibration = arguments.camera.intrinsics(optics.as_ref())?.map(|intrinsics| {
+        let calibration = Calibration::new(intrinsics, arguments.camera.widths(), &model);
+        calibration.unwrap_or_else(|e| usage_error(ErrorKind::ValueValidation, e))
+    });
     let options = Options {
         request: Request {
             budget: arguments.budget_ms,

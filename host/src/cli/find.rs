@@ -31,6 +31,7 @@ pub struct Arguments {
 /// # Errors
 /// When the picture cannot be read or used, and as `detect`.
 pub fn run(arguments: &Arguments) -> Result<ExitCode> {
+    arguments.search.check();
     let path = &arguments.picture;
     if is_model(path) {
         let shown = plain(&path.display().to_string()).into_owned();
