@@ -149,9 +149,10 @@ pub use detect::detection::Detection;
 pub use detect::detector::{
     DEFAULT_THRESHOLD, Detector, HdDetector, Ongoing, QqvgaDetector, QvgaDetector, VgaDetector,
 };
+pub use detect::matches::CellMatch;
 pub use detect::observer::{Observer, Output, Stats};
 pub use detect::plan::Depth;
-pub use detect::surface::{CellMatch, Known, Surface};
+pub use detect::surface::{Known, Surface};
 
 // Tracking, and poses in space.
 pub use follow::bent::Surfaces;
@@ -159,6 +160,7 @@ pub use follow::instance::{State, Track};
 pub use follow::schedule::{RECHECK, SEARCH_EVERY};
 pub use follow::track::{LOST_FRAMES, TRACKS, Tracker};
 pub use space::camera::{CameraError, Intrinsics, PlanePose, Pose, plane_pose};
+pub use space::cylinder::{Cylinder, cylinder};
 
 /// The stages and their foundations, in the order in which a frame flows through them. Each can be
 /// used alone.

@@ -13,9 +13,9 @@ use anyhow::{Result, ensure};
 use keygraph_core::{CellMatch, Distortion, Homography, Intrinsics, Lens, plane_pose};
 use nalgebra::{DMatrix, DVector, Matrix3, Rotation3, Vector3};
 
-/// Minimum number of views, and maximum.
+/// Minimum number of views.
 pub const LEAST_VIEWS: usize = 5;
-/// Maximum number of views.
+/// Number of views that are enough: more take time and tell little.
 pub const MOST_VIEWS: usize = 60;
 /// Minimum number of places of a view.
 const LEAST_PLACES: usize = 12;
@@ -72,7 +72,7 @@ pub struct Calibrated {
     pub kind: Kind,
     /// The numbers, in the order of [`Kind::names`].
     pub numbers: Vec<f64>,
-    /// Standard deviation of each.
+    /// Standard deviation of each; 0 for one that is held.
     pub uncertainty: Vec<f64>,
     /// Distance of places from where the camera shows them, px: root mean square over the views that count.
     pub error_px: f64,
@@ -144,7 +144,7 @@ impl Problem {
         self.views[view].iter().flat_map(off).collect()
     }
 
-    /// All distances, and their squares' sum, each place weighted by `weights`.
+    /// The sum of all squared distances, each weighted by `weights`.
     fn cost(&self, x: &DVector<f64>, weights: &[Vec<f64>]) -> f64 {
         let n = self.kind.numbers();
         let of = |view: usize| {
@@ -253,7 +253,7 @@ impl Problem {
 /// The focal length that the homographies of the views agree with best, for a principal point in the middle of the
 /// frame.
 fn first_focal(views: &[View], [width, height]: [u32; 2]) -> f64 {
-    let centre = [width as f32 / 2.0, height as f32 / 2.0];
+    let centre = [width as f32 / 2.0 - 0.5, height as f32 / 2.0 - 0.5];
     let (mut num, mut den) = (0.0, 0.0);
     for view in views {
         let unit = Homography::affine([view.size[0], 0.0, 0.0, 0.0, view.size[0], 0.0]);
@@ -280,34 +280,48 @@ fn first_focal(views: &[View], [width, height]: [u32; 2]) -> f64 {
 /// # Errors
 /// When there are too few views, or they are too alike.
 pub fn calibrate(kind: Kind, views: &[View], size: [u32; 2], start: Option<&Calibrated>) -> Result<Calibrated> {
-    let camera = start.map_or_else(|| first(kind, views, size), |known| known.numbers.clone());
+    let mut camera = start.map_or_else(|| first(kind, views, size), |known| known.numbers.clone());
+    let last = kind.numbers() - 1;
+    if kind == Kind::Brown {
+        camera[last] = 0.0;
+    }
     // Once to find the views that do not fit, and once without them.
-    let mut used: Vec<usize> = (0..views.len()).filter(|&i| views[i].matches.len() >= LEAST_PLACES).collect();
+    let has_pose = |&i: &usize| views[i].matches.len() >= LEAST_PLACES && pose(&views[i], &camera).is_ok();
+    let mut used: Vec<usize> = (0..views.len()).filter(has_pose).collect();
     let first = fitted(kind, views, &used, camera, kind == Kind::Brown)?;
     let mut sorted = first.errors.clone();
     sorted.sort_by(f64::total_cmp);
     let most = FOREIGN * sorted[sorted.len() / 2].max(0.1);
     let fits: Vec<bool> = first.errors.iter().map(|&error| error <= most).collect();
     let mut fits = fits.iter();
-    used.retain(|_| fits.next() == Some(&true));
-    let last = kind.numbers() - 1;
+    used.retain(|&i| fits.next() == Some(&true) && pose(&views[i], &first.camera).is_ok());
     let mut found = fitted(kind, views, &used, first.camera, false)?;
     if kind == Kind::Brown && found.camera[last].abs() < 2.0 * found.uncertainty[last] {
         // What cannot be told from nothing is nothing: it would bend the corners of the frame.
         found.camera[last] = 0.0;
+        used.retain(|&i| pose(&views[i], &found.camera).is_ok());
         found = fitted(kind, views, &used, found.camera, true)?;
     }
     let Fitted { camera, uncertainty, errors } = found;
-    let doubt = [0, 1].map(|i| uncertainty[i] / camera[i].abs()).into_iter().fold(0.0, f64::max);
+    let doubts = [0, 1].map(|i| uncertainty[i] / camera[i].abs());
+    let doubt = doubts.into_iter().fold(0.0, f64::max);
+    // A comparison with NaN is false.
     ensure!(
-        doubt < UNCERTAIN,
+        doubts.iter().all(|&doubt| doubt < UNCERTAIN),
         "the views are too alike: the focal length is uncertain by {:.0} %; show the picture tilted by 30 degrees to each side",
         100.0 * doubt
     );
     let error_px = (errors.iter().map(|e| e * e).sum::<f64>() / errors.len() as f64).sqrt();
     let mut per_view = vec![None; views.len()];
     used.iter().zip(&errors).for_each(|(&i, &e)| per_view[i] = Some(e));
-    Ok(Calibrated { kind, numbers: camera, uncertainty, error_px, views: per_view, reach: reach(views, size) })
+    Ok(Calibrated {
+        kind,
+        numbers: camera,
+        uncertainty,
+        error_px,
+        views: per_view,
+        reach: reach(used.iter().map(|&i| &views[i]), size),
+    })
 }
 
 /// A camera that fits views.
@@ -342,9 +356,11 @@ fn fitted(kind: Kind, views: &[View], used: &[usize], camera: Vec<f64>, holds_la
     let weights = problem.weights(&x);
     let (matrix, _) = problem.equations(&x, &weights);
     let total: f64 = weights.iter().flatten().sum();
-    let variance = problem.cost(&x, &weights) / (total - x.len() as f64).max(1.0);
-    let inverse = matrix.try_inverse();
-    let of = |i: usize| inverse.as_ref().map_or(f64::INFINITY, |m| (m[(i, i)].abs() * variance).sqrt());
+    let unknowns = x.len() - usize::from(holds_last);
+    let variance = problem.cost(&x, &weights) / (total - unknowns as f64).max(1.0);
+    // Of what the views leave open, nothing is known.
+    let inverse = matrix.cholesky().map(|c| c.inverse());
+    let of = |i: usize| inverse.as_ref().map_or(f64::INFINITY, |m| (m[(i, i)] * variance).sqrt());
     let mut uncertainty: Vec<f64> = (0..n).map(of).collect();
     if holds_last {
         uncertainty[n - 1] = 0.0;
@@ -362,10 +378,10 @@ fn first(kind: Kind, views: &[View], size: [u32; 2]) -> Vec<f64> {
 }
 
 /// How far from the middle of the frame places were seen, as a share of its half diagonal.
-fn reach(views: &[View], [width, height]: [u32; 2]) -> f64 {
+fn reach<'a>(views: impl Iterator<Item = &'a View>, [width, height]: [u32; 2]) -> f64 {
     let half = [width as f32 / 2.0, height as f32 / 2.0];
     let far = |m: &CellMatch| (m.frame[0] - half[0]).hypot(m.frame[1] - half[1]);
-    f64::from(views.iter().flat_map(|v| &v.matches).map(far).fold(0.0, f32::max) / half[0].hypot(half[1]))
+    f64::from(views.flat_map(|v| &v.matches).map(far).fold(0.0, f32::max) / half[0].hypot(half[1]))
 }
 
 fn places(view: &View) -> Vec<Place> {

@@ -4,7 +4,21 @@
 //! cost: none.
 
 use anyhow::{Result, ensure};
-use keygraph_core::{Homography, Lens};
+use keygraph_core::{Distortion, Homography, Lens};
+
+/// The distortion of these coefficients, in OpenCV's order: 4, 5 or 8 of Brown and Conrady, or 4 of a fisheye lens.
+#[must_use]
+pub fn distortion(is_fisheye: bool, k: &[f32]) -> Option<Distortion> {
+    match (is_fisheye, k) {
+        (true, &[a, b, c, d]) => Some(Distortion::Fisheye([a, b, c, d])),
+        (false, k) if matches!(k.len(), 4 | 5 | 8) => {
+            let mut all = [0.0; 8];
+            all[..k.len()].copy_from_slice(k);
+            Some(Distortion::Brown(all))
+        }
+        _ => None,
+    }
+}
 
 /// A lens, and the frames that it belongs to.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -45,7 +59,6 @@ impl Optics {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use keygraph_core::Distortion;
 
     #[test]
     fn a_lens_is_scaled_to_the_frame() {

@@ -12,7 +12,7 @@ use keygraph_core::{Distortion, Lens};
 use yaml_rust2::{Yaml, YamlLoader};
 
 use crate::calibrate::{Calibrated, Kind};
-use crate::lens::Optics;
+use crate::lens::{Optics, distortion};
 use crate::output::plain;
 
 /// Maximum number of bytes of such a file.
@@ -54,9 +54,9 @@ pub fn parse(text: &str) -> Result<Optics> {
     };
     ensure!(skew.abs() <= 1e-3 * fx.abs(), "camera_matrix has a skew of {skew}: there is none in this model");
     ensure!((scale - 1.0).abs() < 1e-6, "the last number of camera_matrix is {scale}, not 1");
-    let coefficients = numbers(root, &COEFFICIENTS)?.unwrap_or_default();
-    let model = MODEL.iter().find_map(|name| root[*name].as_str());
-    let lens = Lens::new([fx, fy, cx, cy], distortion(model, &coefficients)?)?;
+    let coefficients =
+        numbers(root, &COEFFICIENTS)?.context("no distortion_coefficients: give four zeros for a lens without")?;
+    let lens = Lens::new([fx, fy, cx, cy], of_kind(is_fisheye(root)?, &coefficients)?)?;
     let [width, height] =
         SIDES.map(|names| names.iter().find_map(|name| root[*name].as_i64()).and_then(|v| u32::try_from(v).ok()));
     Ok(Optics::new(lens, width.zip(height).map(|(w, h)| [w, h])))
@@ -68,7 +68,7 @@ pub fn parse(text: &str) -> Result<Optics> {
 /// When the numbers are those of no lens.
 pub fn written(found: &Calibrated, [width, height]: [u32; 2]) -> Result<String> {
     let (camera, k) = found.numbers.split_at(4);
-    // Read back before it is written.
+    // Numbers of no lens are not written.
     found.lens()?;
     let list = |v: &[f64]| v.iter().map(|v| format!("{v:.10}")).collect::<Vec<_>>().join(", ");
     let matrix = list(&[camera[0], 0.0, camera[2], 0.0, camera[1], camera[3], 0.0, 0.0, 1.0]);
@@ -89,28 +89,32 @@ pub fn written(found: &Calibrated, [width, height]: [u32; 2]) -> Result<String> 
     ))
 }
 
-/// The distortion of a kind of lens.
-fn distortion(model: Option<&str>, k: &[f32]) -> Result<Distortion> {
-    let is_fisheye = matches!(model, Some("fisheye" | "equidistant" | "kannala_brandt" | "KANNALA_BRANDT"));
-    Ok(match (is_fisheye, k.len()) {
-        (true, 4) => Distortion::Fisheye([k[0], k[1], k[2], k[3]]),
-        (true, n) => bail!("a fisheye lens has 4 coefficients, not {n}"),
-        (false, 0) => Distortion::None,
-        (false, 4 | 5 | 8) => {
-            let mut all = [0.0; 8];
-            all[..k.len()].copy_from_slice(k);
-            Distortion::Brown(all)
-        }
-        // OpenCV's thin prism and tilted sensor, where they do nothing.
-        (false, 12 | 14) if k[8..].iter().all(|&v| v == 0.0) => {
-            let mut all = [0.0; 8];
-            all.copy_from_slice(&k[..8]);
-            Distortion::Brown(all)
-        }
-        (false, n) => {
-            bail!("{n} coefficients: known are k1 k2 p1 p2 [k3 [k4 k5 k6]], and 4 with distortion_model: fisheye")
-        }
+/// The distortion of a kind of lens, of the coefficients in a file.
+fn of_kind(is_fisheye: bool, k: &[f32]) -> Result<Distortion> {
+    // OpenCV's thin prism and tilted sensor, where they do nothing.
+    let k = if !is_fisheye && matches!(k.len(), 12 | 14) && k[8..].iter().all(|&v| v == 0.0) { &k[..8] } else { k };
+    distortion(is_fisheye, k).with_context(|| match is_fisheye {
+        true => format!("a fisheye lens has 4 coefficients, not {}", k.len()),
+        false => format!("{} coefficients: known are k1 k2 p1 p2 [k3 [k4 k5 k6]], and 4 of a fisheye lens", k.len()),
     })
+}
+
+/// Whether the lens of a file is a fisheye lens.
+fn is_fisheye(root: &Yaml) -> Result<bool> {
+    // Of OpenCV's own calibration program.
+    if root["fisheye_model"].as_i64() == Some(1) {
+        return Ok(true);
+    }
+    match MODEL.iter().find_map(|name| root[*name].as_str()).map(str::to_lowercase).as_deref() {
+        None
+        | Some("plumb_bob" | "rational_polynomial" | "brown_conrady" | "brown" | "pinhole" | "radtan" | "opencv") => {
+            Ok(false)
+        }
+        Some("fisheye" | "equidistant" | "kannala_brandt" | "kannala_brandt4" | "equi" | "opencv_fisheye") => Ok(true),
+        Some(other) => {
+            bail!("the lens is of the kind {}: known are plumb_bob, rational_polynomial and fisheye", plain(other))
+        }
+    }
 }
 
 /// The numbers under the first of these names that is there: a list, a list of rows, or a matrix with its data.
@@ -163,6 +167,9 @@ mod tests {
         let fisheye = ros.replace("plumb_bob", "fisheye").replace(", 0.001, 0]", ", 0.001]");
         let file = parse(&fisheye).expect("a lens");
         assert_eq!(file.lens().distortion(), &Distortion::Fisheye([-0.25, 0.06, 0.0, 0.001]));
+        // As OpenCV's calibration program tells it.
+        let fisheye = fisheye.replace("distortion_model: fisheye", "fisheye_model: 1");
+        assert_eq!(parse(&fisheye).expect("a lens"), file);
     }
 
     #[test]
@@ -175,7 +182,9 @@ mod tests {
             ("camera_matrix: [1, 2, 3]", "3 numbers, not 9"),
             ("camera_matrix: [a, b]", "no list of numbers"),
             ("camera_matrix: [500, 20, 320, 0, 500, 240, 0, 0, 1]", "skew"),
-            ("camera_matrix: [0, 0, 320, 0, 500, 240, 0, 0, 1]", "focal lengths"),
+            (&format!("{} [0, 0, 0, 0]", "camera_matrix: [0, 0, 320, 0, 500, 240, 0, 0, 1]\nD:"), "focal lengths"),
+            (matrix, "no distortion_coefficients"),
+            (&format!("{matrix}distortion_model: omni\nD: [1, 2, 3, 4]"), "of the kind omni"),
             (&format!("{matrix}dist_coeffs: [1, 2, 3]"), "3 coefficients"),
             (&format!("{matrix}distortion_model: fisheye\nD: [1, 2, 3, 4, 5]"), "4 coefficients"),
             (&format!("{matrix}D: [0, 0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0]"), "12 coefficients"),

@@ -8,9 +8,12 @@ use std::collections::HashMap;
 use std::str::FromStr;
 
 use anyhow::{Result, bail};
-use keygraph_core::{CameraError, Detection, Distortion, Intrinsics, Lens, Model, PlanePose, Surface, plane_pose};
+use keygraph_core::{
+    CameraError, Cylinder, Detection, Distortion, Intrinsics, Lens, Model, PlanePose, Surface, cylinder, plane_pose,
+};
 
-use crate::lens::Optics;
+use crate::lens::{Optics, distortion};
+use crate::search::Found;
 
 /// Parses the intrinsics `fx,fy,cx,cy`, px of the input.
 ///
@@ -30,12 +33,8 @@ pub fn parse_intrinsics(text: &str) -> Result<Intrinsics, String> {
 /// When `text` is not 4, 5 or 8 numbers.
 pub fn parse_distortion(text: &str) -> Result<Distortion, String> {
     let numbers: Result<Vec<f32>, _> = text.split(',').map(|n| n.trim().parse()).collect();
-    let Some(numbers) = numbers.ok().filter(|k| matches!(k.len(), 4 | 5 | 8) && k.iter().all(|v| v.is_finite())) else {
-        return Err("give 4, 5 or 8 numbers in OpenCV's order: k1,k2,p1,p2[,k3[,k4,k5,k6]]".into());
-    };
-    let mut all = [0.0; 8];
-    all[..numbers.len()].copy_from_slice(&numbers);
-    Ok(Distortion::Brown(all))
+    let distortion = numbers.ok().filter(|k| k.iter().all(|v: &f32| v.is_finite())).and_then(|k| distortion(false, &k));
+    distortion.ok_or_else(|| "give 4, 5 or 8 numbers in OpenCV's order: k1,k2,p1,p2[,k3[,k4,k5,k6]]".into())
 }
 
 /// The true width of every object (`W`) or of one object (`NAME=W`), mm.
@@ -65,7 +64,7 @@ pub struct CameraArguments {
     #[arg(long, value_name = "FX,FY,CX,CY", group = "camera_of", conflicts_with = "mirror", value_parser = parse_intrinsics, allow_hyphen_values = true)]
     intrinsics: Option<Intrinsics>,
     /// Distortion of the camera's lens, in OpenCV's order
-    #[arg(long, value_name = "K1,K2,P1,P2[,K3]", requires = "intrinsics", value_parser = parse_distortion, allow_hyphen_values = true)]
+    #[arg(long, value_name = "K1,K2,P1,P2[,K3[,K4,K5,K6]]", requires = "intrinsics", value_parser = parse_distortion, allow_hyphen_values = true)]
     distortion: Option<Distortion>,
     /// Calibration of the camera and its lens, as `keygraph calibrate`, OpenCV or ROS write it: outlines are
     /// bent as the lens bends them
@@ -175,10 +174,12 @@ impl Calibration {
     }
 
     /// The poses of a detection, whose homography is in px of the input, or of its plane seen through a lens.
-    /// `None` when no pose gives this homography, when the object is bent, or when its width is not known.
+    /// `None` when no pose gives this homography, when the object is bent or not seen through its lens, or when its
+    /// width is not known.
     #[must_use]
     pub fn pose(&self, model: &Model<'_>, detection: &Detection, surface: Option<&Surface>) -> Option<PlanePose> {
-        if surface.is_some_and(|s| s.is_bent) {
+        // Through a lens the homography of the frame is none of a plane.
+        if surface.map_or(self.lens.is_some(), |s| s.is_bent) {
             return None;
         }
         let index = usize::from(detection.object);
@@ -186,6 +187,29 @@ impl Calibration {
         let size_px = [object.width as f32, object.height as f32];
         let homography = surface.map_or(&detection.homography, |s| &s.homography);
         plane_pose(homography, &self.intrinsics, size_px, self.widths_mm[index]?).ok()
+    }
+
+    /// The cylinder that a bent object lies on. `None` for a flat one, one whose width is not known, and where no cylinder
+    /// gives this surface.
+    #[must_use]
+    pub fn cylinder(&self, model: &Model<'_>, detection: &Detection, surface: Option<&Surface>) -> Option<Cylinder> {
+        let surface = surface.filter(|s| s.is_bent)?;
+        let index = usize::from(detection.object);
+        let object = model.object(index);
+        let size_px = [object.width as f32, object.height as f32];
+        cylinder(surface, &self.intrinsics, self.lens.as_ref(), size_px, self.widths_mm[index]?).ok()
+    }
+
+    /// The poses of all detections of a frame.
+    #[must_use]
+    pub fn poses(&self, model: &Model<'_>, found: &Found) -> Vec<Option<PlanePose>> {
+        found.detections.iter().enumerate().map(|(i, d)| self.pose(model, d, found.surface(i))).collect()
+    }
+
+    /// The cylinders of all detections of a frame.
+    #[must_use]
+    pub fn cylinders(&self, model: &Model<'_>, found: &Found) -> Vec<Option<Cylinder>> {
+        found.detections.iter().enumerate().map(|(i, d)| self.cylinder(model, d, found.surface(i))).collect()
     }
 
     /// The object's axes in the input, px: the object's centre, then the ends of x (right),

@@ -3,7 +3,7 @@
 //! In: results of a command. Out: JSON values. Memory and cost: the text.
 
 use keygraph_core::stages::surface::SIDE;
-use keygraph_core::{Detection, Model, PlanePose, Pose, Stage, State, Track};
+use keygraph_core::{Cylinder, Detection, Model, PlanePose, Pose, Stage, State, Track};
 use serde_json::{Map, Value, json};
 
 use crate::alike::Alike;
@@ -39,6 +39,22 @@ pub fn plane_pose_object(poses: Option<&PlanePose>) -> Value {
     object["ambiguous"] = json!(poses.is_ambiguous());
     object["mirrored"] = pose_object(&poses.mirrored);
     object
+}
+
+/// Adds cylinders to the detections of a frame's line.
+pub fn add_cylinders(line: &mut Value, cylinders: &[Option<Cylinder>]) {
+    for (i, c) in cylinders.iter().enumerate().filter_map(|(i, c)| c.as_ref().map(|c| (i, c))) {
+        let mut entry = json!({
+            "radius_mm": rounded(c.radius_mm, 3),
+            "inside": c.is_inside,
+            "axis": c.axis.map(|v| rounded(v, 6)),
+            "centre_mm": c.centre_mm.map(|v| rounded(v, 3)),
+        });
+        if let (Value::Object(all), Value::Object(pose)) = (&mut entry, pose_object(&c.pose)) {
+            all.extend(pose);
+        }
+        line["detections"][i]["cylinder"] = entry;
+    }
 }
 
 /// The names of the columns of [`csv_lines`].
@@ -115,7 +131,7 @@ pub fn detection_entry(model: &Model<'_>, found: &Found, index: usize) -> Value 
     let track = found.tracking.as_ref().map(|t| t.seen[index]);
     let state = track.map_or(State::Found, |(_, state)| state);
     let mut entry = detection_object(model, &found.detections[index], state);
-    if let Some(Some(surface)) = found.surfaces.get(index) {
+    if let Some(surface) = found.surface(index) {
         let points: Vec<_> = surface.points.iter().map(|p| p.map(|v| rounded(v, 3))).collect();
         entry["surface"] = json!({
             "bent": surface.is_bent,

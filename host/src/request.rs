@@ -5,7 +5,7 @@
 use std::time::Duration;
 
 use keygraph_core::{
-    Buffer, Depth, HdDetector, Known, Lens, PixelFormat, QqvgaDetector, QvgaDetector, Room, VgaDetector,
+    Buffer, Depth, HdDetector, Homography, Known, Lens, PixelFormat, QqvgaDetector, QvgaDetector, Room, VgaDetector,
 };
 
 use crate::region::Region;
@@ -82,7 +82,8 @@ pub struct Request {
     pub all_names: bool,
     /// What shape objects may have.
     pub shape: Shape,
-    /// The camera's lens, px of the picture; `None` takes straight lines as straight.
+    /// The camera's lens, in px of the picture, and of the frame for those who give a frame; `None` takes straight lines as
+    /// straight.
     pub lens: Option<Lens>,
     /// Whether to match the cells of what is found, for a calibration.
     pub matches: bool,
@@ -134,6 +135,13 @@ pub const fn depth_of(thorough: bool) -> Depth {
 }
 
 impl Request {
+    /// The same request for px of a part or a copy of the picture; `to_picture` is the map to px of the picture.
+    #[must_use]
+    pub fn within(&self, to_picture: &Homography) -> Self {
+        let from_picture = to_picture.inverse().map(|map| map.normalised());
+        Self { lens: self.lens.zip(from_picture).map(|(lens, map)| lens.mapped(&map)), ..*self }
+    }
+
     /// What is known of the objects and the camera.
     #[must_use]
     pub fn known(&self) -> Known<'_> {

@@ -13,7 +13,7 @@ use std::sync::mpsc::{Receiver, channel};
 use std::thread;
 
 use anyhow::{Context, Result, anyhow};
-use keygraph_core::{Detection, Model, PlanePose};
+use keygraph_core::{Cylinder, Detection, Model, PlanePose};
 
 use crate::annotate::{
     Canvas, Outline, colour, draw_axes, draw_corners, draw_label, draw_outline, draw_part, draw_triangles,
@@ -67,6 +67,8 @@ pub struct Searched {
     pub found: Found,
     /// The pose of each detection that has one; `None` without a calibration.
     pub poses: Option<Vec<Option<PlanePose>>>,
+    /// The cylinder that each detection lies on; empty without a calibration.
+    pub cylinders: Vec<Option<Cylinder>>,
     /// The frame with the results drawn onto it; `None` unless asked for.
     pub canvas: Option<Canvas>,
     /// Each object as it looks flat; empty unless asked for.
@@ -185,7 +187,7 @@ fn search_one(
 ) -> Outcome {
     let SourceFrame { source, frame, kind, picture } = frame;
     let result = picture.and_then(|p| {
-        let lens = options.optics.map(|o| o.of_size(p.width, p.height)).transpose()?;
+        let lens = options.optics.map(|o| o.of_size(p.width, p.height)).transpose().with_context(|| source.clone())?;
         let request = Request { details: options.annotate, lens, ..options.request };
         let found = match trail {
             Some(trail) => trail.next(sequence(&source, kind, (p.width, p.height)), &p, model, &request, slot),
@@ -193,11 +195,8 @@ fn search_one(
         }
         .with_context(|| source.clone())?;
         let calibration = options.calibration.map(|c| c.through(lens));
-        let surface = |i: usize| found.surfaces.get(i).and_then(Option::as_ref);
-        let pose = |c: &Calibration| {
-            found.detections.iter().enumerate().map(|(i, d)| c.pose(model, d, surface(i))).collect::<Vec<_>>()
-        };
-        let poses = calibration.as_ref().map(pose);
+        let poses = calibration.as_ref().map(|c| c.poses(model, &found));
+        let cylinders = calibration.as_ref().map(|c| c.cylinders(model, &found)).unwrap_or_default();
         let canvas = options.annotate.then(|| {
             let mut canvas = draw(&p, model, &found);
             if let (Some(calibration), Some(poses)) = (&calibration, &poses) {
@@ -214,8 +213,8 @@ fn search_one(
             (o.width, o.height)
         };
         let shown = found.detections.iter().enumerate().filter(|_| options.rectify);
-        let flat = shown.map(|(i, d)| rectify(&p, d, surface(i), size(d))).collect();
-        Ok(Searched { size: (p.width, p.height), found, poses, canvas, flat })
+        let flat = shown.map(|(i, d)| rectify(&p, d, found.surface(i), size(d))).collect();
+        Ok(Searched { size: (p.width, p.height), found, poses, cylinders, canvas, flat })
     });
     Outcome { source, frame, kind, result }
 }
@@ -235,7 +234,7 @@ pub fn draw(picture: &Picture, model: &Model<'_>, found: &Found) -> Canvas {
         .enumerate()
         .map(|(i, d)| Outline {
             corners: d.corners,
-            surface: found.surfaces.get(i).copied().flatten(),
+            surface: found.surface(i).copied(),
             label: {
                 let id = found.tracking.as_ref().map_or_else(String::new, |t| format!(" #{}", t.seen[i].0));
                 format!("{}{id} {:.2}", plain(model.object(usize::from(d.object)).name), d.score)

@@ -132,9 +132,9 @@ pub struct Found {
     /// For each detection: the other objects that could be at its place, and their scores, best
     /// first. It is empty for a frame of a sequence that was not searched.
     pub rivals: Vec<Vec<(u16, f32)>>,
-    /// For each detection: the surface on which the object lies; `None` where it is a plane.
+    /// For each detection: the surface on which the object lies, [`Detector::surface`]; empty when none are looked for.
     pub surfaces: Vec<Option<Surface>>,
-    /// Matched cells of each detection; empty without [`Request::matches`].
+    /// Matched cells of each detection; empty without [`Request::matches`], and in sequences.
     pub matches: Vec<Vec<CellMatch>>,
     /// Counts and times of the stages; ticks are nanoseconds.
     pub stats: Stats,
@@ -171,6 +171,12 @@ pub struct Tracking {
 }
 
 impl Found {
+    /// The surface on which the object of detection `index` lies; `None` where a plane explains what is seen.
+    #[must_use]
+    pub fn surface(&self, index: usize) -> Option<&Surface> {
+        self.surfaces.get(index).and_then(Option::as_ref)
+    }
+
     /// Results with detections and counts; everything else is empty.
     #[must_use]
     pub const fn new(detections: Vec<Detection>, stats: Stats) -> Self {
@@ -289,6 +295,7 @@ pub fn search_frame(
     let mut found = Found { digests: watch.digests.take(), high_water: *detector.high_water(), ..found };
     let surfaces = found.detections.iter().filter(|_| request.wants_surfaces());
     found.surfaces = surfaces.map(|d| detector.surface(model, d, request.known(), &mut watch)).collect();
+    found.stats.stopped |= lacks_surfaces(&found, request, &mut watch);
     if request.matches {
         found.matches = matches_of(detector, model, &found);
     }
@@ -299,15 +306,20 @@ pub fn search_frame(
     Ok(found)
 }
 
+/// Whether the time was over before the surface of some detection was looked for.
+fn lacks_surfaces(found: &Found, request: &Request, watch: &mut Watch) -> bool {
+    let is_open = |(d, s): (&Detection, &Option<Surface>)| s.is_none() && d.appearance.visible < 0.99;
+    request.wants_surfaces() && !watch.goes_on() && found.detections.iter().zip(&found.surfaces).any(is_open)
+}
+
 /// The matched cells of each detection, near its surface or its plane.
 fn matches_of(detector: &AnyDetector, model: &Model<'_>, found: &Found) -> Vec<Vec<CellMatch>> {
-    let surfaces = found.surfaces.iter().copied().chain(std::iter::repeat(None));
-    let of = |(d, surface): (&Detection, Option<Surface>)| {
+    let of = |(i, d): (usize, &Detection)| {
         let object = model.object(usize::from(d.object));
         let plane = || Surface::plane(&d.homography, [object.width as f32, object.height as f32]);
-        detector.matches(model, d, &surface.unwrap_or_else(plane)).to_vec()
+        detector.matches(model, d, &found.surface(i).copied().unwrap_or_else(plane)).to_vec()
     };
-    found.detections.iter().zip(surfaces).map(of).collect()
+    found.detections.iter().enumerate().map(of).collect()
 }
 
 /// After a search in tiles, searches the frame once more as a whole, in what is left of the budget: the
@@ -373,6 +385,7 @@ pub fn follow_frame(
             found.surfaces.push(surfaces.surface(detector, frame, model, track, request.known(), &mut watch)?);
         }
     }
+    found.stats.stopped |= lacks_surfaces(&found, request, &mut watch);
     let seen = seen.iter().map(|t| (t.id, t.state)).collect();
     found.tracking = Some(Tracking { seen, lost, searched: tracker.searched() });
     Ok(found)
@@ -441,9 +454,7 @@ fn in_profile(
         }
     })?;
     let slot = slot % MAX_THREADS;
-    let from_picture = scaled.to_picture.inverse();
-    let lens = request.lens.zip(from_picture).map(|(lens, map)| lens.mapped(&map.normalised()));
-    let own = &Request { lens, ..*request };
+    let own = &request.within(&scaled.to_picture);
     let mut found = match request.profile {
         Profile::Hd => work(&mut *lock(&HD[slot]), &frame, own),
         Profile::Vga => work(&mut *lock(&VGA[slot]), &frame, own),

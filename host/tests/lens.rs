@@ -58,6 +58,12 @@ fn what_is_no_calibration_and_no_view_is_told() {
     keygraph(&["detect", "-m", &model, shown, "--lens", "none.yaml"]).ended_with(1).said(&["none.yaml"]);
     fs::write(out, "camera_matrix: [1, 2]").unwrap();
     keygraph(&["detect", "-m", &model, shown, "--lens", out]).ended_with(1).said(&["camera_matrix has 2 numbers"]);
-    fs::write(out, "image_width: 640\nimage_height: 640\ncamera_matrix: [600, 0, 320, 0, 600, 240, 0, 0, 1]").unwrap();
-    keygraph(&["detect", "-m", &model, shown, "--lens", out]).ended_with(1).said(&["calibrate at this size"]);
+    fs::write(
+        out,
+        "image_width: 640\nimage_height: 640\ncamera_matrix: [600, 0, 320, 0, 600, 240, 0, 0, 1]\nD: [0, 0, 0, 0]",
+    )
+    .unwrap();
+    keygraph(&["detect", "-m", &model, shown, "--lens", out])
+        .ended_with(1)
+        .said(&["calibrate at this size", "0005.jpg"]);
 }

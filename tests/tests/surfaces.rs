@@ -9,7 +9,7 @@ use keygraph::picture::{Picture, Pixels};
 use keygraph::report::frame_line;
 use keygraph::search::{Follower, Found, Profile, Request, Shape, follow, search_for};
 use keygraph_core::stages::surface::SIDE;
-use keygraph_core::{DEFAULT_THRESHOLD, Model, Surface};
+use keygraph_core::{DEFAULT_THRESHOLD, Intrinsics, Model, Surface, cylinder};
 use keygraph_tests::can::Can;
 use keygraph_tests::motion::{Motion, Sequence, astronaut};
 
@@ -83,6 +83,28 @@ fn a_surface_is_followed_while_the_can_turns() {
         let (surface, _) = surfaces(&found);
         let off = error(&surface.unwrap(), &can);
         assert!(off < 0.012, "frame {i}: {off}");
+    }
+}
+
+#[test]
+fn a_can_has_its_axis_and_its_radius() {
+    let model = Model::parse(&MODEL).unwrap();
+    // 700 px is the focal length of the frames.
+    let camera = Intrinsics::new(700.0, 700.0, 320.0, 240.0).unwrap();
+    let size = [PICTURE.width as f32, PICTURE.height as f32];
+    for turn in [60.0, 90.0, 110.0] {
+        let can = can(turn);
+        let found = search_for(&can.frame(), &model, &request(), 0).unwrap();
+        let (surface, _) = surfaces(&found);
+        let round = cylinder(&surface.unwrap(), &camera, None, size, 100.0).unwrap();
+        let radius = 100.0 / can.turn;
+        assert!((round.radius_mm / radius - 1.0).abs() < 0.06, "{turn} degrees: {} mm for {radius}", round.radius_mm);
+        let upright = round.axis[1] * can.lean.cos() - round.axis[0] * can.lean.sin();
+        assert!(upright > 0.99 && !round.is_inside, "{turn} degrees: {round:?}");
+        assert!(
+            (round.centre_mm[2] / 220.0 - 1.0).abs() < 0.06 && round.pose.error_px < 1.5,
+            "{turn} degrees: {round:?}"
+        );
     }
 }
 

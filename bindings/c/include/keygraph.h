@@ -555,6 +555,47 @@ typedef struct kg_detection {
 } kg_detection;
 
 /**
+ * A pinhole camera without distortion, in px of the frame. Pixel centres lie at integers, as in OpenCV.
+ */
+typedef struct kg_intrinsics {
+    /**
+     * Focal length along x, px.
+     */
+    float fx;
+    /**
+     * Focal length along y, px.
+     */
+    float fy;
+    /**
+     * Principal point, x, px.
+     */
+    float cx;
+    /**
+     * Principal point, y, px.
+     */
+    float cy;
+} kg_intrinsics;
+
+/**
+ * A camera with a lens.
+ */
+typedef struct kg_lens {
+    /**
+     * Focal lengths and principal point, px of the frame.
+     */
+    struct kg_intrinsics intrinsics;
+    /**
+     * 1 when the coefficients are those of a fisheye lens (k1 k2 k3 k4, then zeros), 0 when they are those of Brown and
+     * Conrady, in OpenCV's order (k1 k2 p1 p2 k3 k4 k5 k6).
+     */
+    uint32_t fisheye;
+    /**
+     * Coefficients.
+     */
+    float distortion[8];
+} kg_lens;
+
+/**
  * Where the picture of an object lies in a frame, on a plane or on a surface that is bent.
  */
 typedef struct kg_surface {
@@ -562,6 +603,12 @@ typedef struct kg_surface {
      * 1 when the surface is bent, 0 when a plane explains what is seen.
      */
     uint32_t bent;
+    /**
+     * Map from px of the training picture to px of the ideal frame, whose straight lines are straight, row-major;
+     * the last element is 1. Without a lens that is the frame. Of a bent surface it is that of the plane of its mean
+     * direction through the middle of the picture.
+     */
+    float homography[9];
     /**
      * Places in the frame of a grid of points of the picture: x and y, px, row by row from the picture's
      * top left corner to its bottom right corner.
@@ -719,28 +766,6 @@ typedef struct kg_trained {
      */
     uint32_t dropped;
 } kg_trained;
-
-/**
- * A pinhole camera without distortion, in px of the frame. Pixel centres lie at integers, as in OpenCV.
- */
-typedef struct kg_intrinsics {
-    /**
-     * Focal length along x, px.
-     */
-    float fx;
-    /**
-     * Focal length along y, px.
-     */
-    float fy;
-    /**
-     * Principal point, x, px.
-     */
-    float cx;
-    /**
-     * Principal point, y, px.
-     */
-    float cy;
-} kg_intrinsics;
 
 /**
  * A rigid motion from object to camera coordinates: rotation * p + translation. Both have x to the
@@ -1080,14 +1105,17 @@ kg_status kg_detector_rivals(struct kg_detector *detector,
 /**
  * Writes the surface on which the object of a detection lies into `out`: that of a label on a can or of a page of
  * a book where a plane does not explain what is seen, else the plane. `model` is the one that was searched for,
- * `index` that of the detection among the results. A bent surface takes about as long as the search of a frame
- * that shows an object, and some 13 KB of stack.
+ * `index` that of the detection among the results. `lens` is the camera's, px of the frame, and may be NULL; through
+ * one a plane has curved sides. A bent surface takes about as long as the search of a frame that shows an object, and
+ * some 14 KB of stack.
  *
- * Returns KG_OK, or KG_ERROR_INDEX, KG_ERROR_HANDLE, KG_ERROR_BUSY, KG_ERROR_NULL, KG_ERROR_ALIGNMENT.
+ * Returns KG_OK, or KG_ERROR_INDEX, KG_ERROR_INTRINSICS, KG_ERROR_OPTION, KG_ERROR_HANDLE, KG_ERROR_BUSY,
+ * KG_ERROR_NULL, KG_ERROR_ALIGNMENT.
  */
 kg_status kg_detector_surface(struct kg_detector *detector,
                               const struct kg_model *model,
                               size_t index,
+                              const struct kg_lens *lens,
                               struct kg_surface *out);
 
 /**
@@ -1192,8 +1220,8 @@ kg_status kg_trainer_train(struct kg_trainer *trainer,
                            struct kg_trained *trained);
 
 /**
- * Computes where a detected object is before the camera, if its picture is truly `width_mm` mm wide.
- * `object` is that of kg_model_object() for kg_detection.object.
+ * Computes where a detected object is before the camera, if its picture is truly `width_mm` mm wide. Through a lens,
+ * put the homography of its kg_surface into the detection first. `object` is that of kg_model_object() for kg_detection.object.
  *
  * Errors: KG_ERROR_INTRINSICS, KG_ERROR_SIZE, KG_ERROR_NO_POSE, KG_ERROR_NULL, KG_ERROR_ALIGNMENT.
  */

@@ -53,6 +53,10 @@ const _: () = assert!(KG_SURFACE_SIDE == keygraph_core::stages::surface::SIDE, "
 pub struct kg_surface {
     /// 1 when the surface is bent, 0 when a plane explains what is seen.
     pub bent: u32,
+    /// Map from px of the training picture to px of the ideal frame, whose straight lines are straight, row-major;
+    /// the last element is 1. Without a lens that is the frame. Of a bent surface it is that of the plane of its mean
+    /// direction through the middle of the picture.
+    pub homography: [f32; 9],
     /// Places in the frame of a grid of points of the picture: x and y, px, row by row from the picture's
     /// top left corner to its bottom right corner.
     pub points: [[[f32; 2]; KG_SURFACE_SIDE]; KG_SURFACE_SIDE],
@@ -60,12 +64,12 @@ pub struct kg_surface {
 
 impl kg_surface {
     /// Makes a plain struct of a surface in a window of a frame, in px of the frame.
-    pub(crate) fn new(surface: &Surface, bent: bool, window: Option<Window>) -> Self {
+    pub(crate) fn new(surface: &Surface, window: Option<Window>) -> Self {
         let surface = window.map_or(*surface, |w| surface.mapped(&w.to_frame()));
         let mut points = [[[0.0; 2]; KG_SURFACE_SIDE]; KG_SURFACE_SIDE];
         for (to, from) in points.as_flattened_mut().iter_mut().zip(surface.points) {
             *to = from;
         }
-        Self { bent: u32::from(bent), points }
+        Self { bent: u32::from(surface.is_bent), homography: surface.homography.0, points }
     }
 }

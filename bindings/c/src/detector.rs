@@ -10,8 +10,8 @@ use core::ptr::addr_of_mut;
 
 use keygraph_core::stages::digest::Digests;
 use keygraph_core::{
-    DEFAULT_THRESHOLD, DETECTIONS, Depth, Detector, Frame, Hd, Known, Model, Observer, Profile, Qqvga, Qvga, Surface,
-    Vga, Window,
+    DEFAULT_THRESHOLD, DETECTIONS, Depth, Detector, Frame, Hd, Known, Lens, Model, Observer, Profile, Qqvga, Qvga,
+    Surface, Vga, Window,
 };
 
 use crate::boundary::{Outcome, list, optional, put, told};
@@ -20,6 +20,7 @@ use crate::frame::{frame_of, kg_frame};
 use crate::model::{kg_model, model_of};
 use crate::observer::{Digesting, Watch, buffer_of, kg_buffer, kg_observer, kg_stats, put_stats};
 use crate::place::{Head, KG_ALIGNMENT, Zeroed, zeroed};
+use crate::pose::kg_lens;
 use crate::slot::{Own, Slot, TAG, Work, idle, with_slot};
 use crate::status::kg_status;
 
@@ -392,6 +393,7 @@ unsafe fn put_surface<P: Profile>(
     slot: *mut Slot<P>,
     model: &Model<'_>,
     index: usize,
+    lens: Option<&Lens>,
     out: *mut kg_surface,
 ) -> Outcome {
     // SAFETY: the slot is valid.
@@ -401,11 +403,17 @@ unsafe fn put_surface<P: Profile>(
         return Err(kg_status::KG_ERROR_INDEX);
     }
     let object = model.object(usize::from(found.object));
-    let bent = d.surface(model, found, Known::default(), &mut || 0);
+    // The lens is that of the frame, and the detector has a window of it.
+    let lens = match (lens, window.map(|w| w.to_frame().inverse())) {
+        (Some(lens), Some(Some(into))) => Some(lens.mapped(&into.normalised())),
+        (lens, _) => lens.copied(),
+    };
+    let known = Known { lens: lens.as_ref(), is_flat: false };
     let size = [object.width as f32, object.height as f32];
-    let surface = bent.unwrap_or_else(|| Surface::plane(&found.homography, size));
+    let surface = d.surface(model, found, known, &mut || 0);
+    let surface = surface.unwrap_or_else(|| Surface::plane(&found.homography, size));
     // SAFETY: the pointer is the caller's to give.
-    unsafe { put(out, kg_surface::new(&surface, bent.is_some(), window)) }?;
+    unsafe { put(out, kg_surface::new(&surface, window)) }?;
     Ok(kg_status::KG_OK)
 }
 
@@ -504,22 +512,27 @@ pub unsafe extern "C" fn kg_detector_rivals(
 
 /// Writes the surface on which the object of a detection lies into `out`: that of a label on a can or of a page of
 /// a book where a plane does not explain what is seen, else the plane. `model` is the one that was searched for,
-/// `index` that of the detection among the results. A bent surface takes about as long as the search of a frame
-/// that shows an object, and some 13 KB of stack.
+/// `index` that of the detection among the results. `lens` is the camera's, px of the frame, and may be NULL; through
+/// one a plane has curved sides. A bent surface takes about as long as the search of a frame that shows an object, and
+/// some 14 KB of stack.
 ///
-/// Returns KG_OK, or KG_ERROR_INDEX, KG_ERROR_HANDLE, KG_ERROR_BUSY, KG_ERROR_NULL, KG_ERROR_ALIGNMENT.
+/// Returns KG_OK, or KG_ERROR_INDEX, KG_ERROR_INTRINSICS, KG_ERROR_OPTION, KG_ERROR_HANDLE, KG_ERROR_BUSY,
+/// KG_ERROR_NULL, KG_ERROR_ALIGNMENT.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn kg_detector_surface(
     detector: *mut kg_detector,
     model: *const kg_model,
     index: usize,
+    lens: *const kg_lens,
     out: *mut kg_surface,
 ) -> kg_status {
     let write = || {
         // SAFETY: the pointers are the caller's to give.
         let model = unsafe { model_of(model) }?;
         // SAFETY: the pointers are the caller's to give.
-        with_slot!(detector, slot => unsafe { put_surface(slot, &model, index, out) })
+        let lens = unsafe { optional(lens) }?.map(kg_lens::of).transpose()?;
+        // SAFETY: the pointers are the caller's to give.
+        with_slot!(detector, slot => unsafe { put_surface(slot, &model, index, lens.as_ref(), out) })
     };
     told(write())
 }

@@ -3,9 +3,9 @@
 //! In: a detection, the camera's intrinsics, the object's width. Out: two poses in mm. Memory: some 400
 //! bytes of stack. Cost: some 40,000 operations.
 
-use keygraph_core::{Homography, Intrinsics, Pose, plane_pose};
+use keygraph_core::{Distortion, Homography, Intrinsics, Lens, Pose, plane_pose};
 
-use crate::boundary::{put, shared, told};
+use crate::boundary::{Outcome, put, shared, told};
 use crate::detection::kg_detection;
 use crate::model::{kg_object, object_size};
 use crate::status::kg_status;
@@ -22,6 +22,32 @@ pub struct kg_intrinsics {
     pub cx: f32,
     /// Principal point, y, px.
     pub cy: f32,
+}
+
+/// A camera with a lens.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct kg_lens {
+    /// Focal lengths and principal point, px of the frame.
+    pub intrinsics: kg_intrinsics,
+    /// 1 when the coefficients are those of a fisheye lens (k1 k2 k3 k4, then zeros), 0 when they are those of Brown and
+    /// Conrady, in OpenCV's order (k1 k2 p1 p2 k3 k4 k5 k6).
+    pub fisheye: u32,
+    /// Coefficients.
+    pub distortion: [f32; 8],
+}
+
+impl kg_lens {
+    /// The lens of the core.
+    pub(crate) fn of(&self) -> Outcome<Lens> {
+        let i = &self.intrinsics;
+        let distortion = match (self.fisheye, self.distortion) {
+            (0, all) => Distortion::Brown(all),
+            (1, [a, b, c, d, ..]) => Distortion::Fisheye([a, b, c, d]),
+            _ => return Err(kg_status::KG_ERROR_OPTION),
+        };
+        Lens::new([i.fx, i.fy, i.cx, i.cy], distortion).map_err(|_| kg_status::KG_ERROR_INTRINSICS)
+    }
 }
 
 /// A rigid motion from object to camera coordinates: rotation * p + translation. Both have x to the
@@ -54,8 +80,8 @@ fn plain(p: &Pose) -> kg_pose {
     kg_pose { rotation: p.rotation, translation_mm: p.translation_mm, error_px: p.error_px }
 }
 
-/// Computes where a detected object is before the camera, if its picture is truly `width_mm` mm wide.
-/// `object` is that of kg_model_object() for kg_detection.object.
+/// Computes where a detected object is before the camera, if its picture is truly `width_mm` mm wide. Through a lens,
+/// put the homography of its kg_surface into the detection first. `object` is that of kg_model_object() for kg_detection.object.
 ///
 /// Errors: KG_ERROR_INTRINSICS, KG_ERROR_SIZE, KG_ERROR_NO_POSE, KG_ERROR_NULL, KG_ERROR_ALIGNMENT.
 #[unsafe(no_mangle)]

@@ -20,6 +20,7 @@ use crate::frame::{Reading, View, frame, path_of};
 use crate::model::{Model, joined, listed};
 use crate::result::{Answer, detections};
 use crate::search::{Refused, Room, Search};
+use crate::space::lens_of;
 
 /// The profile with a name.
 pub fn profile(name: &str) -> PyResult<Profile> {
@@ -91,7 +92,7 @@ fn answer<'py>(
     let search = Search { model: model.get(), request, start };
     let found = py.detach(|| catch_unwind(AssertUnwindSafe(|| work(&search, &view))));
     let found = found.map_err(|_| defect("the search failed"))??;
-    let answer = Answer::new(model.clone_ref(py), found, view.size(), source);
+    let answer = Answer::new(model.clone_ref(py), found, (view.size(), request.lens), source);
     detections(answer, object, reading)
 }
 
@@ -115,6 +116,10 @@ fn answer<'py>(
 ///     mirror: Search frames mirrored left to right, as those of selfie cameras are.
 ///     surface: With `"any"`, an object that a plane does not explain, such as a label on a can, has a
 ///         `surface`; with `"plane"` none has.
+///     intrinsics: With `distortion`: (fx, fy, cx, cy), px of the frame, or a camera matrix of shape (3, 3).
+///     distortion: Coefficients of the lens in OpenCV's order: 4, 5 or 8, or 4 with `fisheye`. Each detection then
+///         has a `surface`, flat or bent, seen through the lens, and `pose()` takes it into account.
+///     fisheye: Whether the coefficients are those of `cv2.fisheye`.
 ///     digests: Report a digest of each stage's output in `to_dict()`, to compare machines by.
 #[pyclass(frozen, module = "keygraph")]
 #[derive(Debug)]
@@ -127,7 +132,7 @@ pub struct Detector {
 #[pymethods]
 impl Detector {
     #[new]
-    #[pyo3(signature = (models, profile="vga", threshold=0.8, *, min_visible=0.0, thorough=false, all_names=false, budget_ms=None, roi=None, mirror=false, surface="any", digests=false))]
+    #[pyo3(signature = (models, profile="vga", threshold=0.8, *, min_visible=0.0, thorough=false, all_names=false, budget_ms=None, roi=None, mirror=false, surface="any", intrinsics=None, distortion=None, fisheye=false, digests=false))]
     #[allow(clippy::too_many_arguments, reason = "the arguments of Python, which have names")]
     fn new(
         py: Python<'_>,
@@ -141,13 +146,21 @@ impl Detector {
         roi: Option<&Bound<'_, PyAny>>,
         mirror: bool,
         surface: &str,
+        intrinsics: Option<&Bound<'_, PyAny>>,
+        distortion: Option<&Bound<'_, PyAny>>,
+        fisheye: bool,
         digests: bool,
     ) -> PyResult<Self> {
+        let lens = lens_of(intrinsics, distortion, fisheye)?;
+        if mirror && lens.is_some() {
+            return Err(PyValueError::new_err("mirror: a lens is that of frames that are not mirrored"));
+        }
         let request = Request {
             min_visible: share("min_visible", min_visible)?,
             depth: depth_of(thorough),
             all_names,
             shape: shape(surface)?,
+            lens,
             budget: budget_ms.map(budget).transpose()?,
             region: roi.map(region).transpose()?,
             mirror,
@@ -188,7 +201,8 @@ impl Detector {
         let reading = Reading::new(order, format, size, stride)?;
         answer(frame, &reading, (&self.model, &self.request), |search, view| {
             let Room { detector, scratch } = &mut *lock(&self.room);
-            search.run(view, scratch, |frame| search_frame(detector.any(), frame, search.model.view(), search.request))
+            search
+                .run(view, scratch, |frame, request| search_frame(detector.any(), frame, search.model.view(), request))
         })
     }
 
@@ -244,6 +258,10 @@ struct Trail {
 ///     mirror: Search frames mirrored left to right, as those of selfie cameras are.
 ///     surface: With `"any"`, an object that a plane does not explain, such as a label on a can, has a
 ///         `surface`; with `"plane"` none has.
+///     intrinsics: With `distortion`: (fx, fy, cx, cy), px of the frame, or a camera matrix of shape (3, 3).
+///     distortion: Coefficients of the lens in OpenCV's order: 4, 5 or 8, or 4 with `fisheye`. Each detection then
+///         has a `surface`, flat or bent, seen through the lens, and `pose()` takes it into account.
+///     fisheye: Whether the coefficients are those of `cv2.fisheye`.
 #[pyclass(frozen, module = "keygraph")]
 #[derive(Debug)]
 pub struct Tracker {
@@ -255,7 +273,7 @@ pub struct Tracker {
 #[pymethods]
 impl Tracker {
     #[new]
-    #[pyo3(signature = (models, profile="vga", threshold=0.8, *, min_visible=0.0, thorough=false, budget_ms=None, roi=None, mirror=false, surface="any"))]
+    #[pyo3(signature = (models, profile="vga", threshold=0.8, *, min_visible=0.0, thorough=false, budget_ms=None, roi=None, mirror=false, surface="any", intrinsics=None, distortion=None, fisheye=false))]
     #[allow(clippy::too_many_arguments, reason = "the arguments of Python, which have names")]
     fn new(
         py: Python<'_>,
@@ -268,6 +286,9 @@ impl Tracker {
         roi: Option<&Bound<'_, PyAny>>,
         mirror: bool,
         surface: &str,
+        intrinsics: Option<&Bound<'_, PyAny>>,
+        distortion: Option<&Bound<'_, PyAny>>,
+        fisheye: bool,
     ) -> PyResult<Self> {
         let Detector { model, request, room } = Detector::new(
             py,
@@ -281,6 +302,9 @@ impl Tracker {
             roi,
             mirror,
             surface,
+            intrinsics,
+            distortion,
+            fisheye,
             false,
         )?;
         let room = room.into_inner().unwrap_or_else(PoisonError::into_inner);
@@ -325,8 +349,8 @@ impl Tracker {
             if size.take().is_none_or(|before| before != view.size()) {
                 follower.tracker.reset();
             }
-            let found = search.run(view, scratch, |frame| {
-                follow_frame(detector.any(), follower, frame, search.model.view(), search.request)
+            let found = search.run(view, scratch, |frame, request| {
+                follow_frame(detector.any(), follower, frame, search.model.view(), request)
             })?;
             *size = Some(view.size());
             Ok(found)

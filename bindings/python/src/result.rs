@@ -9,7 +9,7 @@ use std::path::PathBuf;
 use keygraph::report::{detection_entry, frame_line, lost_entry};
 use keygraph::search::Found;
 use keygraph_core::stages::surface::SIDE;
-use keygraph_core::{Stage, State, Surface};
+use keygraph_core::{Lens, Stage, State, Surface};
 use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
@@ -25,14 +25,20 @@ use crate::model::{Model, named_scores};
 pub struct Answer {
     model: Py<Model>,
     found: Found,
+    lens: Option<Lens>,
     size: (usize, usize),
     source: Option<PathBuf>,
 }
 
 impl Answer {
-    /// The results of a frame of `size` px. `source` is the path that the frame was read from.
-    pub fn new(model: Py<Model>, found: Found, size: (usize, usize), source: Option<PathBuf>) -> Self {
-        Self { model, found, size, source }
+    /// The results of a frame of `size` px, seen through `lens`. `source` is the path that the frame was read from.
+    pub fn new(
+        model: Py<Model>,
+        found: Found,
+        (size, lens): ((usize, usize), Option<Lens>),
+        source: Option<PathBuf>,
+    ) -> Self {
+        Self { model, found, lens, size, source }
     }
 }
 
@@ -127,10 +133,15 @@ impl Detection {
         self.answer.get().model.get()
     }
 
+    /// The lens that the frame was seen through.
+    pub fn lens(&self) -> Option<Lens> {
+        self.answer.get().lens
+    }
+
     /// The surface on which the object lies.
     pub fn bent(&self) -> Option<&Surface> {
         let Place::Seen(i) = self.place else { return None };
-        self.answer.get().found.surfaces.get(i).and_then(Option::as_ref)
+        self.answer.get().found.surface(i)
     }
 
     /// The detection of the core.

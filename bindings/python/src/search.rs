@@ -111,12 +111,12 @@ impl Search<'_> {
         &self,
         view: &View<'_>,
         scratch: &mut Vec<u8>,
-        work: impl FnOnce(&Frame<'_>) -> Result<Found, FrameError>,
+        work: impl FnOnce(&Frame<'_>, &Request) -> Result<Found, FrameError>,
     ) -> Result<Found, Refused> {
         let found = match self.in_place(view)? {
-            Some(InPlace { frame, part: None }) => work(&frame)?,
+            Some(InPlace { frame, part: None }) => work(&frame, self.request)?,
             Some(InPlace { frame, part: Some((window, part)) }) => {
-                let mut found = work(&frame)?;
+                let mut found = work(&frame, &self.request.within(&window.to_frame()))?;
                 found.map_back(&window.to_frame());
                 Found { part: Some(part), ..found }
             }
@@ -169,14 +169,14 @@ impl Search<'_> {
         &self,
         view: &View<'_>,
         scratch: &mut Vec<u8>,
-        work: impl FnOnce(&Frame<'_>) -> Result<Found, FrameError>,
+        work: impl FnOnce(&Frame<'_>, &Request) -> Result<Found, FrameError>,
     ) -> Result<Found, Refused> {
         let (width, height) = view.size();
         if self.request.region.is_none()
             && self.fits(width, height)
             && let Some(format) = view.gather(scratch)
         {
-            return Ok(work(&Frame::new(format, width, height, scratch)?)?);
+            return Ok(work(&Frame::new(format, width, height, scratch)?, self.request)?);
         }
         let owned;
         let picture = match view {
@@ -193,7 +193,7 @@ impl Search<'_> {
                 format!("the frame has {}x{} px, {width}x{height} at this profile", picture.width, picture.height);
             Refused::Other(anyhow::Error::from(e).context(said))
         })?;
-        let mut found = work(&frame)?;
+        let mut found = work(&frame, &self.request.within(&scaled.to_picture))?;
         found.map_back(&scaled.to_picture);
         Ok(Found { part: scaled.part, ..found })
     }

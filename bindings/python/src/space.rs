@@ -3,8 +3,9 @@
 //! In: a detection, the intrinsics of the camera, the true width. Out: a [`Pose`]. Memory: some numbers.
 //! Cost: some microseconds.
 
+use keygraph::lens::distortion as distortion_of;
 use keygraph::report::plane_pose_object;
-use keygraph_core::{Intrinsics, PlanePose, plane_pose};
+use keygraph_core::{Intrinsics, Lens, PlanePose, plane_pose};
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
@@ -22,6 +23,8 @@ pub struct Pose {
     is_mirrored: bool,
     intrinsics: Intrinsics,
     width_mm: f32,
+    /// The lens that the frame was seen through.
+    lens: Option<Lens>,
 }
 
 impl Pose {
@@ -33,7 +36,10 @@ impl Pose {
     pub fn ends(&self) -> [[f32; 2]; 4] {
         let arm = self.width_mm / 2.0;
         let points = [[0.0; 3], [arm, 0.0, 0.0], [0.0, arm, 0.0], [0.0, 0.0, arm]];
-        points.map(|p| self.intrinsics.project(self.own().apply(p)))
+        points.map(|p| {
+            let p = self.intrinsics.project(self.own().apply(p));
+            self.lens.map_or(p, |lens| lens.distort(p))
+        })
     }
 }
 
@@ -91,7 +97,7 @@ impl Pose {
 }
 
 /// Focal lengths and principal point: four numbers, or a camera matrix of shape (3, 3).
-fn intrinsics_of(given: &Bound<'_, PyAny>) -> PyResult<Intrinsics> {
+pub fn intrinsics_of(given: &Bound<'_, PyAny>) -> PyResult<Intrinsics> {
     let [fx, fy, cx, cy] = match given.extract::<[[f64; 3]; 3]>() {
         Ok([[fx, skew, cx], [zero, fy, cy], last]) => {
             if skew != 0.0 || zero != 0.0 || last != [0.0, 0.0, 1.0] {
@@ -109,10 +115,36 @@ fn intrinsics_of(given: &Bound<'_, PyAny>) -> PyResult<Intrinsics> {
     Intrinsics::new(fx as f32, fy as f32, cx as f32, cy as f32).map_err(camera_error)
 }
 
+/// The camera's lens: intrinsics, coefficients as OpenCV has them, and whether they are those of a fisheye lens.
+pub fn lens_of(
+    intrinsics: Option<&Bound<'_, PyAny>>,
+    distortion: Option<&Bound<'_, PyAny>>,
+    fisheye: bool,
+) -> PyResult<Option<Lens>> {
+    let (Some(intrinsics), Some(given)) = (intrinsics, distortion) else {
+        if intrinsics.is_some() || distortion.is_some() || fisheye {
+            return Err(PyValueError::new_err("a lens needs both intrinsics and distortion"));
+        }
+        return Ok(None);
+    };
+    let numbers = intrinsics_of(intrinsics)?.numbers();
+    // OpenCV gives a matrix of one row or one column.
+    let rows = || given.extract::<Vec<Vec<f32>>>().map(|rows| rows.concat());
+    let k = given.extract::<Vec<f32>>().or_else(|_| rows()).map_err(|_| {
+        PyTypeError::new_err("distortion: expected a list of numbers in OpenCV's order, or an array of them")
+    })?;
+    let distortion = distortion_of(fisheye, &k).ok_or_else(|| {
+        let known =
+            if fisheye { "4 coefficients of a fisheye lens" } else { "4, 5 or 8 coefficients in OpenCV's order" };
+        PyValueError::new_err(format!("distortion: expected {known}, got {}", k.len()))
+    })?;
+    Lens::new(numbers, distortion).map(Some).map_err(|e| PyValueError::new_err(format!("distortion: {e}")))
+}
+
 /// Where a detection is in space: six degrees of freedom.
 ///
 /// Both coordinate systems have x to the right, y down and z away from the viewer. The origin of the
-/// object is the middle of its picture. The lens is taken to be free of distortion.
+/// object is the middle of its picture. Give the lens to the detector, if it is not free of distortion.
 ///
 /// Args:
 ///     detection: A detection, whose frame was not mirrored.
@@ -120,7 +152,7 @@ fn intrinsics_of(given: &Bound<'_, PyAny>) -> PyResult<Intrinsics> {
 ///     width_mm: True width of the object, mm.
 ///
 /// Returns:
-///     The pose that fits best; None when no pose gives this homography. Near the front two poses look
+///     The pose that fits best; None when no pose gives this homography, and when the object is bent. Near the front two poses look
 ///     alike: see `Pose.ambiguous` and `Pose.mirrored`.
 #[pyfunction]
 pub fn pose(detection: &Bound<'_, Detection>, intrinsics: &Bound<'_, PyAny>, width_mm: f32) -> PyResult<Option<Pose>> {
@@ -135,6 +167,11 @@ pub fn pose(detection: &Bound<'_, Detection>, intrinsics: &Bound<'_, PyAny>, wid
     let core = detection.core();
     let object = detection.model().view().object(usize::from(core.object));
     let size_px = [object.width as f32, object.height as f32];
-    let poses = plane_pose(&core.homography, &intrinsics, size_px, width_mm).ok();
-    Ok(poses.map(|poses| Pose { poses, is_mirrored: false, intrinsics, width_mm }))
+    let (surface, lens) = (detection.bent(), detection.lens());
+    if surface.map_or(lens.is_some(), |s| s.is_bent) {
+        return Ok(None);
+    }
+    let homography = surface.map_or(&core.homography, |s| &s.homography);
+    let poses = plane_pose(homography, &intrinsics, size_px, width_mm).ok();
+    Ok(poses.map(|poses| Pose { poses, is_mirrored: false, intrinsics, width_mm, lens }))
 }

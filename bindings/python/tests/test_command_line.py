@@ -11,6 +11,8 @@ import pytest
 from conftest import PICTURES, SEQUENCE, Command, timeless
 
 FEW = SEQUENCE[0:48:6]
+CAMERA = ["--intrinsics", "600,600,319.5,239.5"]
+LENS = {"intrinsics": (600, 600, 319.5, 239.5)}
 
 
 def assert_equal(lines: list[dict[str, Any]], results: list[dict[str, Any]]) -> None:
@@ -65,6 +67,12 @@ def test_the_sequence_tracked(model: keygraph.Model, model_file: Path, command: 
         (["--roi", "10%,0,80%,100%", "--profile", "qvga"], {"roi": ("10%", 0, "80%", "100%"), "profile": "qvga"}),
         (["--roi", "41,31,501,401", "--mirror"], {"roi": "41,31,501,401", "mirror": True}),
         (["--mirror"], {"mirror": True}),
+        (["--surface", "plane"], {"surface": "plane"}),
+        ([*CAMERA, "--distortion", "-0.1,0.02,0,0"], {**LENS, "distortion": np.array([[-0.1, 0.02, 0, 0]])}),
+        (
+            [*CAMERA, "--distortion", "-0.1,0.02,0,0,0.01", "--profile", "qvga", "--roi", "40,30,500,400"],
+            {**LENS, "distortion": [-0.1, 0.02, 0, 0, 0.01], "profile": "qvga", "roi": (40, 30, 500, 400)},
+        ),
     ],
     ids=lambda v: " ".join(v) if isinstance(v, list) else "",
 )

@@ -15,6 +15,7 @@ from conftest import PICTURES, SEQUENCE
 from numpy.typing import NDArray
 
 Frame = NDArray[np.uint8]
+CAMERA = (600, 600, 319.5, 239.5)
 
 
 @pytest.fixture(scope="module")
@@ -163,6 +164,20 @@ def test_what_is_no_camera(
         keygraph.pose(found[0], intrinsics, width_mm)
 
 
+def test_a_surface_is_a_grid_seen_through_the_lens(model: keygraph.Model, frame: Frame) -> None:
+    (plain,) = keygraph.Detector(model).detect(frame)
+    assert plain.surface is None, "a plane explains what is seen"
+    (seen,) = keygraph.Detector(model, intrinsics=CAMERA, distortion=np.zeros((1, 5))).detect(frame)
+    assert seen.surface is not None
+    assert seen.surface.shape == (9, 9, 2)
+    assert seen.surface.dtype == np.float32
+    assert np.abs(seen.surface[[0, 0, -1, -1], [0, -1, -1, 0]] - plain.corners).max() < 1.5
+    ours, theirs = keygraph.pose(seen, CAMERA, 200), keygraph.pose(plain, CAMERA, 200)
+    assert ours is not None
+    assert theirs is not None
+    assert np.abs(ours.translation_mm - theirs.translation_mm).max() < 2
+
+
 def test_mirrored_frames_have_no_pose(model: keygraph.Model, frame: Frame) -> None:
     (d,) = keygraph.Detector(model, mirror=True).detect(frame[:, ::-1])
     with pytest.raises(ValueError, match="mirrored frames has no pose"):
@@ -217,6 +232,12 @@ def test_an_assessment_is_of_one_object(model: keygraph.Model, coffee: keygraph.
         ({"roi": (0, 0, 10)}, ValueError, "roi: "),
         ({"roi": 4}, TypeError, r"roi: expected \(x, y, width, height\)"),
         ({"roi": "90%,0,20%,10%"}, ValueError, "beyond 100 %"),
+        ({"surface": "can"}, ValueError, 'surface: expected "any" or "plane", got "can"'),
+        ({"distortion": [0, 0, 0, 0]}, ValueError, "both intrinsics and distortion"),
+        ({"intrinsics": CAMERA, "distortion": [0, 0, 0]}, ValueError, "4, 5 or 8 coefficients"),
+        ({"intrinsics": CAMERA, "distortion": [0] * 5, "fisheye": True}, ValueError, "4 coefficients of a fisheye lens"),
+        ({"intrinsics": CAMERA, "distortion": "0,0,0,0"}, TypeError, "expected a list of numbers"),
+        ({"intrinsics": CAMERA, "distortion": [0] * 4, "mirror": True}, ValueError, "not mirrored"),
         ({"wide": True}, TypeError, "wide"),
     ],
 )

@@ -122,6 +122,10 @@ export interface SearchOptions {
   digests?: boolean;
   /** The camera: fx, fy, cx, cy, px of the frame. With `widthMm`, detections have a pose in space. */
   intrinsics?: [fx: number, fy: number, cx: number, cy: number];
+  /** With `intrinsics`: coefficients of the lens in OpenCV's order. Each detection then has a `surface`. */
+  distortion?: number[];
+  /** Whether these are the 4 coefficients of a fisheye lens. */
+  fisheye?: boolean;
   /** True width of all objects, or of each by its name, mm. */
   widthMm?: number | Record<string, number>;
 }
@@ -176,7 +180,7 @@ export interface Detection {
   id?: number;
   /** With a tracker, for lost instances: frames since it was seen. */
   unseen?: number;
-  /** With intrinsics: the pose; `null` when none fits. */
+  /** With intrinsics: the pose; `null` when none fits, and for a bent object. */
   pose?: (Pose & { ambiguous: boolean; mirrored: Pose }) | null;
 }
 

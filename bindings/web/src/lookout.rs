@@ -8,7 +8,7 @@ use keygraph::pose::{Calibration, Width};
 use keygraph::report::frame_line;
 use keygraph::search::{Found, Profile, Request, Shape, depth_of, search_for};
 use keygraph::trail::Trail;
-use keygraph_core::{DEFAULT_THRESHOLD, Intrinsics, Model};
+use keygraph_core::{DEFAULT_THRESHOLD, Intrinsics, Lens, Model};
 use serde_json::json;
 
 use crate::failure::Failure;
@@ -34,6 +34,7 @@ fn share(what: &str, v: f32) -> Result<f32, Failure> {
 fn calibration(options: &Open, model: &Model<'_>) -> Result<Option<Calibration>, Failure> {
     let (intrinsics, widths) = match (&options.intrinsics, &options.width_mm) {
         (None, None) => return Ok(None),
+        (Some(_), None) if options.distortion.is_some() => return Ok(None),
         (Some(intrinsics), Some(widths)) => (intrinsics, widths),
         _ => return Err(Failure::value("poses need both intrinsics and widthMm")),
     };
@@ -45,7 +46,22 @@ fn calibration(options: &Open, model: &Model<'_>) -> Result<Option<Calibration>,
     };
     let widths: Result<Vec<Width>, _> = texts.iter().map(|t| t.parse()).collect();
     let widths = widths.map_err(|e| Failure::value(format!("widthMm: {e}")))?;
-    Ok(Some(Calibration::new(intrinsics, &widths, model)?))
+    Ok(Some(Calibration::new(intrinsics, &widths, model)?.through(lens(options)?)))
+}
+
+/// The camera's lens, where it is given.
+fn lens(options: &Open) -> Result<Option<Lens>, Failure> {
+    let Some(k) = &options.distortion else { return Ok(None) };
+    let Some(intrinsics) = options.intrinsics else {
+        return Err(Failure::value("distortion needs intrinsics"));
+    };
+    if options.mirror {
+        return Err(Failure::value("mirror: a lens is that of frames that are not mirrored"));
+    }
+    let distortion = keygraph::lens::distortion(options.fisheye, k)
+        .ok_or_else(|| Failure::value("distortion: expected 4, 5 or 8 numbers in OpenCV's order, or 4 with fisheye"))?;
+    let lens = Lens::new(intrinsics, distortion).map_err(|e| Failure::value(format!("distortion: {e}")))?;
+    Ok(Some(lens))
 }
 
 impl Lookout {
@@ -65,6 +81,7 @@ impl Lookout {
             min_visible: share("minVisible", options.min_visible)?,
             all_names: options.all_names,
             shape: named("surface", &options.surface, &Shape::NAMED)?,
+            lens: lens(options)?,
             region: region.map_err(|e| Failure::value(format!("roi: {e}")))?,
             mirror: options.mirror,
             depth: depth_of(options.thorough),
@@ -93,11 +110,7 @@ impl Lookout {
             None => search_for(&picture, &self.model, &request, 0)?,
         };
         let poses = self.calibration.as_ref();
-        let surface = |i: usize| found.surfaces.get(i).and_then(Option::as_ref);
-        let poses = poses.map(|c| {
-            let pose = |(i, d)| c.pose(&self.model, d, surface(i));
-            found.detections.iter().enumerate().map(pose).collect::<Vec<_>>()
-        });
+        let poses = poses.map(|c| c.poses(&self.model, &found));
         let size = (picture.width, picture.height);
         let mut line = frame_line(&look.source, look.frame, size, &self.model, &found, poses.as_deref());
         if !look.details {

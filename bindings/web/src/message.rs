@@ -134,6 +134,11 @@ pub struct Open {
     pub digests: bool,
     /// Intrinsics of the camera, px of the frame: fx, fy, cx, cy.
     pub intrinsics: Option<[f32; 4]>,
+    /// Coefficients of the lens, in OpenCV's order.
+    pub distortion: Option<Vec<f32>>,
+    /// Whether they are those of a fisheye lens.
+    #[serde(default)]
+    pub fisheye: bool,
     /// True widths of the objects, mm: a number for all, or one for each name.
     pub width_mm: Option<Widths>,
 }

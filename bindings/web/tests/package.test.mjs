@@ -54,9 +54,9 @@ for (const name of ["keygraph", "keygraph-simd"]) {
     });
 
     test("frames give the lines of this machine, with the digests of all stages", async () => {
-      const options = { digests: true, allNames: true, threshold: 0.5, intrinsics: [600, 600, 320, 240], widthMm: { astronaut: 210, coffee: 297 } };
+      const options = { digests: true, allNames: true, threshold: 0.5, intrinsics: [600, 600, 320, 240], widthMm: { astronaut: 210, coffee: 297 }, distortion: [-0.1, 0.02, 0, 0] };
       const detector = await Keygraph.detector(both, options);
-      const flags = ["--digests", "--all-names", "--threshold", "0.5", "--intrinsics", "600,600,320,240"];
+      const flags = ["--digests", "--all-names", "--threshold", "0.5", "--intrinsics", "600,600,320,240", "--distortion", "-0.1,0.02,0,0"];
       flags.push("--width-mm", "astronaut=210", "--width-mm", "coffee=297");
       const expected = lines("detect", "-m", join(WORK, "both.kgm"), "--json", "--threads", "1", ...flags, ...SHOWN, OTHER);
       const ajv = new Ajv({ strict: false });
@@ -171,6 +171,7 @@ for (const name of ["keygraph", "keygraph-simd"]) {
       await fails(Keygraph.detector(models[0], { budgetMs: 0 }), "value", /budgetMs/);
       await fails(Keygraph.detector(models[0], { roi: "1,2" }), "value", /roi/);
       await fails(Keygraph.detector(models[0], { widthMm: 10 }), "value", /both intrinsics and widthMm/);
+      await fails(Keygraph.detector(models[0], { distortion: [0, 0, 0, 0] }), "value", /distortion needs intrinsics/);
       await fails(Keygraph.assess(both, { picture: grey }), "value", /one by one/);
       await fails(Keygraph.assess(await Keygraph.read(models[0].data)), "value", /picture that the model was made from/);
       assert.throws(() => new Model({}), KeygraphError);

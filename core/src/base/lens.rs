@@ -9,7 +9,8 @@
 //! fisheye lens, of Kannala and Brandt, shows what comes at the angle t from the axis at the distance
 //! t (1 + k1 t^2 + k2 t^4 + k3 t^6 + k4 t^8).
 //!
-//! Memory: 64 bytes. Cost: some 30 operations for a place, ten times as many back.
+//! Memory: 56 bytes. Cost: some 30 operations for a place, ten times as many back; a lens is tried at 96 angles when it is
+//! made.
 
 use crate::base::geometry::Homography;
 use crate::base::math;
@@ -45,12 +46,19 @@ pub struct Lens {
     focal: [f32; 2],
     centre: [f32; 2],
     distortion: Distortion,
+    /// Distance of the axis, at depth 1, up to which the lens shows more the farther out it is. Beyond it the numbers of
+    /// the calibration say nothing.
+    reach: f32,
 }
 
-/// Maximum number of steps back through a lens; and the distance of the axis, at depth 1, beyond which nothing is
-/// looked for: 84 degrees.
+/// Maximum number of steps back through a lens.
 const STEPS: usize = 20;
-const FARTHEST: f32 = 9.5;
+/// Largest angle from the axis that is looked for, radians: 84 degrees; its tangent is 9.5.
+const WIDEST: f32 = 1.466;
+/// Number of angles at which a lens is tried for its reach.
+const TRIALS: u8 = 96;
+/// Slope of what lies beyond the reach, beside that of the middle: little, so that nothing comes back into the frame.
+const BEYOND: f32 = 0.1;
 
 impl Lens {
     /// A camera with the focal lengths `fx` and `fy`, the principal point `(cx, cy)`, all px, and this distortion.
@@ -64,8 +72,33 @@ impl Lens {
             Distortion::Fisheye(k) => k,
         };
         let is_finite = [fx, fy, cx, cy].iter().chain(of_lens).all(|v| v.is_finite());
-        let valid = is_finite && fx != 0.0 && fy != 0.0;
-        valid.then_some(Self { focal: [fx, fy], centre: [cx, cy], distortion }).ok_or(LensError::Numbers)
+        if !is_finite || fx == 0.0 || fy == 0.0 {
+            return Err(LensError::Numbers);
+        }
+        let mut lens = Self { focal: [fx, fy], centre: [cx, cy], distortion, reach: f32::MAX };
+        let mut last = [0.0; 2];
+        for i in 1..=TRIALS {
+            let (sin, cos) = math::sin_cos(WIDEST * f32::from(i) / f32::from(TRIALS));
+            let at = [sin / cos, lens.along(sin / cos)];
+            // A comparison with NaN is false.
+            let goes_on = at[1] > last[1];
+            if !goes_on {
+                break;
+            }
+            last = at;
+        }
+        lens.reach = last[0];
+        Ok(lens)
+    }
+
+    /// How far from the axis the lens shows what is at the distance `r` of it, at depth 1, without what it moves across
+    /// the radius.
+    fn along(&self, r: f32) -> f32 {
+        match &self.distortion {
+            Distortion::None => r,
+            Distortion::Brown(k) => r * radial(k, r * r),
+            Distortion::Fisheye(k) => distance_of(k, math::atan(r)),
+        }
     }
 
     /// Focal lengths and principal point, px: `fx fy cx cy`.
@@ -90,7 +123,8 @@ impl Lens {
         Self { focal: [x * fx, y * fy], centre: [x * cx + left, y * cy + top], ..*self }
     }
 
-    /// Where the lens shows a place of the ideal frame, px.
+    /// Where the lens shows a place of the ideal frame, px. What lies farther out than the calibration can say is put
+    /// outside of all that it can.
     #[must_use]
     pub fn distort(&self, p: [f32; 2]) -> [f32; 2] {
         let p = [0, 1].map(|i| (p[i] - self.centre[i]) / self.focal[i]);
@@ -105,7 +139,7 @@ impl Lens {
         let far = math::sqrt(to[0] * to[0] + to[1] * to[1]);
         let mut at = to;
         if let Distortion::Fisheye(k) = &self.distortion {
-            let angle = angle_of(k, far)?;
+            let angle = angle_of(k, math::atan(self.reach), far)?;
             let (sin, cos) = math::sin_cos(angle);
             let scale = if far > 1e-6 { sin / cos / far } else { 1.0 };
             at = to.map(|v| v * scale);
@@ -115,7 +149,7 @@ impl Lens {
             let off = [to[0] - seen[0], to[1] - seen[1]];
             let error = off[0] * off[0] + off[1] * off[1];
             if error < 1e-13 {
-                return Some([0, 1].map(|i| at[i] * self.focal[i] + self.centre[i]));
+                break;
             }
             // A step of Newton's method; slopes by differences.
             let h = 1e-3;
@@ -124,23 +158,35 @@ impl Lens {
             let det = a * d - b * c;
             at = [at[0] + (d * off[0] - b * off[1]) / det, at[1] + (a * off[1] - c * off[0]) / det];
             // A lens that folds shows no more beyond the fold. A comparison with NaN is false.
-            let goes_on = det > 1e-4 && at[0] * at[0] + at[1] * at[1] < FARTHEST * FARTHEST;
+            let goes_on = det > 1e-4 && at[0] * at[0] + at[1] * at[1] < 2.0 * self.reach * self.reach;
             if !goes_on {
                 return None;
             }
         }
         let seen = self.bend(at);
         let is_near = [0, 1].iter().all(|&i| (to[i] - seen[i]).abs() * self.focal[i].abs() < 0.05);
-        is_near.then(|| [0, 1].map(|i| at[i] * self.focal[i] + self.centre[i]))
+        let is_shown = is_near && at[0] * at[0] + at[1] * at[1] <= self.reach * self.reach;
+        is_shown.then(|| [0, 1].map(|i| at[i] * self.focal[i] + self.centre[i]))
     }
 
     /// Bends a place at depth 1.
     fn bend(&self, [x, y]: [f32; 2]) -> [f32; 2] {
+        let r = math::sqrt(x * x + y * y);
+        if r > self.reach {
+            let scale = self.reach / r;
+            let edge = self.bend_within([x * scale, y * scale]);
+            let more = BEYOND * (r - self.reach) / r;
+            return [edge[0] + x * more, edge[1] + y * more];
+        }
+        self.bend_within([x, y])
+    }
+
+    fn bend_within(&self, [x, y]: [f32; 2]) -> [f32; 2] {
         match &self.distortion {
             Distortion::None => [x, y],
-            Distortion::Brown([k1, k2, p1, p2, k3, k4, k5, k6]) => {
-                let r2 = x * x + y * y;
-                let radial = (1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1.0 + r2 * (k4 + r2 * (k5 + r2 * k6)));
+            Distortion::Brown(k) => {
+                let ([_, _, p1, p2, ..], r2) = (k, x * x + y * y);
+                let radial = radial(k, r2);
                 let xy = 2.0 * x * y;
                 [x * radial + p1 * xy + p2 * (r2 + 2.0 * x * x), y * radial + p1 * (r2 + 2.0 * y * y) + p2 * xy]
             }
@@ -153,17 +199,22 @@ impl Lens {
     }
 }
 
+/// The factor by which a lens of Brown and Conrady moves a place along the radius; `r2` is the square of its distance.
+fn radial(&[k1, k2, _, _, k3, k4, k5, k6]: &[f32; 8], r2: f32) -> f32 {
+    (1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1.0 + r2 * (k4 + r2 * (k5 + r2 * k6)))
+}
+
 /// The distance of the axis at which a fisheye lens shows what comes at the angle `t` from it.
 fn distance_of(&[k1, k2, k3, k4]: &[f32; 4], t: f32) -> f32 {
     let t2 = t * t;
     t * (1.0 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4))))
 }
 
-/// The angle at which comes what a fisheye lens shows at a distance of the axis. `None` beyond 84 degrees.
-fn angle_of(k: &[f32; 4], distance: f32) -> Option<f32> {
-    const LARGEST: f32 = 1.466;
-    let mut ends = [0.0, LARGEST];
-    let is_shown = distance_of(k, LARGEST) >= distance;
+/// The angle, up to `most`, at which comes what a fisheye lens shows at a distance of the axis. `None` when it comes from
+/// farther out.
+fn angle_of(k: &[f32; 4], most: f32, distance: f32) -> Option<f32> {
+    let mut ends = [0.0, most];
+    let is_shown = distance_of(k, most) >= distance;
     if !is_shown {
         return None;
     }
@@ -206,6 +257,27 @@ mod tests {
             let lens = Lens::new([500.0, 510.0, 320.0, 240.0], distortion).unwrap();
             let p = lens.distort([320.0 + 0.4 * 500.0, 240.0 - 0.3 * 510.0]);
             assert!((p[0] - x).hypot(p[1] - y) < 2e-3, "{distortion:?}: {p:?}");
+        }
+    }
+
+    #[test]
+    fn a_lens_that_folds_shows_nothing_twice() {
+        // Beyond 44 degrees the first turns back, and the second beyond 69.
+        for (distortion, focal, reach) in [
+            (Distortion::Brown([-0.36, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]), 450.0, 43.9f32),
+            (Distortion::Fisheye([0.08, -0.15, 0.2, -0.1]), 300.0, 69.3),
+        ] {
+            let lens = Lens::new([focal, focal, 320.0, 240.0], distortion).unwrap();
+            let mut last = -1.0;
+            for degrees in 0..84u8 {
+                let x = lens.distort([320.0 + focal * f32::from(degrees).to_radians().tan(), 240.0])[0];
+                assert!(x > last, "{distortion:?}: {degrees} degrees are shown at {x}, and those before at {last}");
+                last = x;
+                let (back, beyond) = (lens.undistort([x, 240.0]), f32::from(degrees) - reach);
+                // Near the fold a degree is less than a tenth of a pixel.
+                assert!(back.is_some() || beyond > -2.0, "{distortion:?}: {degrees} degrees are not shown");
+                assert!(back.is_none() || beyond < 0.5, "{distortion:?}: {degrees} degrees are shown");
+            }
         }
     }
 

@@ -33,7 +33,7 @@ const STEPS: usize = 32;
 pub(crate) struct Bend(pub(crate) [f32; SHAPE]);
 
 /// Half of the longest length: half of the diagonal of a square.
-const REACH: f32 = 0.7072;
+pub(crate) const REACH: f32 = 0.7072;
 
 /// Place along the direction and height over the plane, at equal lengths of paper.
 struct Profile {

@@ -13,11 +13,12 @@ use crate::detect::buffers::{Buffers, Hd, Lent, Limits, Profile, Qqvga, Qvga, Vg
 use crate::detect::detection::Detection;
 use crate::detect::evidence::Agreement;
 use crate::detect::finder::{Corners, Finder};
+use crate::detect::matches::{CellMatch, matches};
 use crate::detect::observer::{Laps, Observer, Output, Stats, Tally, passed};
 use crate::detect::plan::{Depth, Plan, Scope, Wish};
 use crate::detect::scene::{Context, Scene, span, vertices};
 use crate::detect::search::{Place, Search};
-use crate::detect::surface::{self, CellMatch, Known, Surface};
+use crate::detect::surface::{self, Eye, Known, Surface};
 use crate::extract::corners::SCRATCH_ROWS;
 use crate::image::frame::{Frame, FrameError, Window};
 use crate::image::pyramid::{PyramidMut, PyramidView, to_level0};
@@ -299,10 +300,14 @@ impl<P: Profile + ?Sized> Detector<P> {
         self.beaten().iter().filter(|d| d.is_rival(detection))
     }
 
-    /// The surface on which the object of a detection in the last frame lies. Through a lens straight lines are
-    /// not straight, and even a plane is a surface. Without one, `None` when a plane explains what is seen as well,
-    /// and when `observer` says to stop. It takes about as long as a search that finds an object; where the
-    /// object is seen wholly on a plane, no time, and through a lens half of it.
+    /// The surface on which the object of a detection in the last frame lies. `None` when a plane explains what is seen as
+    /// well. Through a lens straight lines are not straight, and a plane is a surface, too. `None` also when nothing is
+    /// seen through the lens where the object is, and when `observer` says to stop. It takes about as long as a
+    /// search that finds an object; where the object is seen wholly on a plane, no time, and through a lens
+    /// half of it. After a [`Tracker`](crate::Tracker) has followed its objects, ask [`Surfaces`](crate::Surfaces).
+    ///
+    /// # Panics
+    /// When `model` has no such object.
     pub fn surface(
         &self,
         model: &Model<'_>,
@@ -311,14 +316,19 @@ impl<P: Profile + ?Sized> Detector<P> {
         observer: &mut dyn Observer,
     ) -> Option<Surface> {
         let object = model.object(usize::from(d.object));
-        surface::fit(&self.frame(), &object, d, (known, None), &mut Laps::new(observer))
+        let frame = self.frame();
+        let eye = Eye::of_frame([frame.luma(0).width(), frame.luma(0).height()], [0.0; 2]);
+        surface::fit(&frame, &object, d, (known, None, &eye), &mut Laps::new(observer))
     }
 
     /// Matches the cells of an object's picture one by one with the last frame, near where `surface` has them: for
     /// the calibration of a camera. A cell is an eighth of a side.
+    ///
+    /// # Panics
+    /// When `model` has no such object.
     #[must_use]
     pub fn matches(&self, model: &Model<'_>, d: &Detection, surface: &Surface) -> heapless::Vec<CellMatch, 64> {
-        surface::matches(&self.frame(), &model.object(usize::from(d.object)), surface)
+        matches(&self.frame(), &model.object(usize::from(d.object)), surface)
     }
 
     /// Writes what the last frame shows on a surface as it looks flat: `width` x `height` px of luma, row by row, to
@@ -328,7 +338,9 @@ impl<P: Profile + ?Sized> Detector<P> {
     /// # Panics
     /// When `out` is too short.
     pub fn flatten(&self, surface: &Surface, [width, height]: [usize; 2], out: &mut [u8]) {
-        surface::flatten(&self.frame().luma(0), surface, [width, height], &mut out[..width * height]);
+        // A product that wraps is no length of `out`.
+        let pixels = width.saturating_mul(height);
+        surface::flatten(&self.frame().luma(0), surface, [width, height], &mut out[..pixels]);
     }
 
     /// Counts and times of the stages for the last frame.

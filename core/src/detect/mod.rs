@@ -19,6 +19,7 @@ pub mod scrutiny;
 pub mod bend;
 pub mod cells;
 pub mod surface;
+pub mod matches;
 pub mod belief;
 pub mod observer;
 pub mod finder;

@@ -1,18 +1,18 @@
 //! Surfaces of what is followed: fitted anew in every frame, from the shape in the frame before.
 //!
 //! In: a frame, and a track that is seen in it. Out: its surface, if it lies on one that is bent. A track that
-//! a plane explained is tried again after [`RETRY`] frames. Memory: some 1.4 KB in [`Surfaces`]. Cost: that of
+//! a plane explained is tried again after [`RETRY`] frames. Memory: some 5.5 KB in [`Surfaces`]. Cost: that of
 //! converting the part of the frame that shows the track, and of `surface`: half of it where the shape is
-//! known. Full: beyond 16 tracks, the shapes that have not been asked for longest are forgotten.
+//! known. Full: of more tracks than a frame holds, the shapes that have not been asked for longest are forgotten.
 
 use heapless::Vec;
 
-use crate::base::capacity::id;
+use crate::base::capacity::{DETECTIONS, id};
 use crate::base::geometry::Homography;
 use crate::detect::buffers::Profile;
 use crate::detect::detector::Detector;
 use crate::detect::observer::{Laps, Observer};
-use crate::detect::surface::{Known, Shape, Surface, fit, may_be_bent};
+use crate::detect::surface::{Eye, Known, Shape, Surface, fit, may_be_bent};
 use crate::follow::instance::{State, Track};
 use crate::follow::sight::part_of;
 use crate::image::frame::{Frame, FrameError};
@@ -22,7 +22,7 @@ use crate::model::parse::Model;
 const RETRY: u8 = 8;
 
 /// Maximum number of tracks whose shapes are known.
-const MOST: usize = 16;
+const MOST: usize = DETECTIONS;
 
 /// What is known of a track.
 #[derive(Clone, Copy, Debug)]
@@ -48,8 +48,8 @@ impl Surfaces {
         Self { shapes: Vec::new() }
     }
 
-    /// The surface on which an instance lies, in px of `frame`, the one that was tracked last, as is `known`;
-    /// `None` when it is lost, and otherwise as [`Detector::surface`]. Called for every frame, it starts from the
+    /// The surface on which an instance lies. `frame` is the one that was tracked last; the surface and the lens of
+    /// `known` are in px of it. `None` when the instance is lost, and otherwise as [`Detector::surface`] says. Called for every frame, it starts from the
     /// shape in the frame before. The part of the frame that shows the instance
     /// becomes the frame of the detector.
     ///
@@ -72,20 +72,27 @@ impl Surfaces {
             return Ok(None);
         }
         let mut shaped = self.take(track.id);
+        let waits = shaped.shape.is_none() && shaped.wait > 0;
+        shaped.wait = shaped.wait.saturating_sub(1);
         let mut surface = None;
-        if known.lens.is_none() && shaped.shape.is_none() && shaped.wait > 0 {
-            shaped.wait -= 1;
-        } else {
+        if !waits || known.lens.is_some() {
             let part = part_of(core::slice::from_ref(track), frame, model);
             detector.load_luma(frame, part, observer)?;
-            let [x, y] = [part.x, part.y].map(|start| f32::from(id(start)));
-            let to_frame = |sign: f32| Homography::affine([1.0, 0.0, sign * x, 0.0, 1.0, sign * y]);
+            let corner = [part.x, part.y].map(|start| f32::from(id(start)));
+            let to_frame = |sign: f32| Homography::affine([1.0, 0.0, sign * corner[0], 0.0, 1.0, sign * corner[1]]);
             let within = track.detection.mapped(&to_frame(-1.0));
             let lens = known.lens.map(|lens| lens.mapped(&to_frame(-1.0)));
-            let how = (Known { lens: lens.as_ref(), ..known }, shaped.shape.as_ref());
-            let fitted = fit(&detector.frame(), &model.object(object), &within, how, &mut Laps::new(observer));
-            let bent = fitted.as_ref().filter(|s| s.is_bent);
-            shaped = Shaped { shape: bent.map(Surface::shape), wait: RETRY, ..shaped };
+            // While a track waits, its plane alone is laid under the lens.
+            let here = Known { lens: lens.as_ref(), is_flat: known.is_flat || waits };
+            let eye = Eye::of_frame([frame.width(), frame.height()], corner);
+            let mut laps = Laps::new(observer);
+            let how = (here, shaped.shape.as_ref(), &eye);
+            let fitted = fit(&detector.frame(), &model.object(object), &within, how, &mut laps);
+            // What was stopped says nothing of the shape.
+            if !laps.stopped && !waits {
+                let bent = fitted.as_ref().filter(|s| s.is_bent);
+                shaped = Shaped { shape: bent.map(Surface::shape), wait: RETRY, ..shaped };
+            }
             surface = fitted.map(|s| s.mapped(&to_frame(1.0)));
         }
         // `take` has made room.

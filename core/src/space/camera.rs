@@ -184,7 +184,7 @@ pub fn plane_pose(
 
 /// A pose. The unit of length is half the diagonal of the picture.
 #[derive(Clone, Copy)]
-struct Placed {
+pub(super) struct Placed {
     /// Rows of the rotation.
     r: [[f32; 3]; 3],
     /// Middle of the picture, as the camera sees it: x/z and y/z.
@@ -194,6 +194,27 @@ struct Placed {
 }
 
 impl Placed {
+    /// A pose in mm, of which `unit_mm` are the unit.
+    pub(super) fn of(pose: &Pose, unit_mm: f32) -> Self {
+        let ([a, b, c, d, e, f, g, h, i], [x, y, z]) = (pose.rotation, pose.translation_mm);
+        Self { r: [[a, b, c], [d, e, f], [g, h, i]], at: [x / z, y / z], nearness: unit_mm / z }
+    }
+
+    /// Where a point of the object, relative to the middle, is before the camera, in depths of the middle.
+    pub(super) fn apply(&self, p: [f32; 3]) -> [f32; 3] {
+        let [x, y, z] = self.r.map(|row| dot(row, p) * self.nearness);
+        [x + self.at[0], y + self.at[1], z + 1.0]
+    }
+
+    /// Moves by a turn about the middle (3), the logarithm of the nearness (1), and the place of the middle (2).
+    pub(super) fn moved(&self, &[wx, wy, wz, nearer, x, y, ..]: &[f32; 8]) -> Self {
+        Self {
+            r: self.turned([wx, wy, wz]),
+            at: [self.at[0] + x, self.at[1] + y],
+            nearness: self.nearness * math::exp(nearer),
+        }
+    }
+
     /// Returns the pose of the plane reflected along the line of sight and turned over. Its
     /// rotation is `S R D`, where S is the reflection along the line of sight and D the reflection
     /// along the object's z.
@@ -235,7 +256,7 @@ impl Placed {
         from_columns(x, cross(z, x), z)
     }
 
-    fn pose(&self, unit_mm: f32, error_px: f32) -> Pose {
+    pub(super) fn pose(&self, unit_mm: f32, error_px: f32) -> Pose {
         let depth_mm = unit_mm / self.nearness;
         let mut rotation = [0.0; 9];
         rotation.copy_from_slice(self.r.as_flattened());
@@ -351,8 +372,7 @@ impl<'a> Sight<'a> {
         best
     }
 
-    /// Returns the pose after one step. The unknowns are the turn about the middle (3), the
-    /// logarithm of the nearness (1), and the place of the middle (2).
+    /// Returns the pose after one step. The unknowns are those of [`Placed::moved`].
     fn step(&self, p: &Placed) -> Option<Placed> {
         let mut normal = [[0.0f32; 9]; 8];
         for &(from, to) in &self.points {
@@ -376,12 +396,7 @@ impl<'a> Sight<'a> {
                 }
             }
         }
-        let [wx, wy, wz, nearer, x, y, ..] = solve(&mut normal, 6)?;
-        Some(Placed {
-            r: p.turned([wx, wy, wz]),
-            at: [p.at[0] + x, p.at[1] + y],
-            nearness: p.nearness * math::exp(nearer),
-        })
+        Some(p.moved(&solve(&mut normal, 6)?))
     }
 }
 

@@ -3,3 +3,4 @@
 //! Rule: nothing here looks at pixels.
 
 pub mod camera;
+pub mod cylinder;

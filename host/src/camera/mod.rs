@@ -124,6 +124,7 @@ pub fn camera(arguments: &Arguments) -> Result<()> {
         return session::list()?.iter().try_for_each(|line| print_line(line));
     }
     arguments.token.as_deref().map(guard::check_token).transpose()?;
+    let space = Space::new(&arguments.camera)?;
     let shelf = arguments.folder.as_deref().map(Shelf::open).transpose()?;
     let models = Models::load(&arguments.models, shelf)?;
     let broker = Broker::from_arguments(&arguments.publishing)?;
@@ -161,7 +162,6 @@ pub fn camera(arguments: &Arguments) -> Result<()> {
         mirror: arguments.look.mirror,
         ..Request::new(arguments.profile, arguments.threshold)
     };
-    let space = Space::new(&arguments.camera)?;
     let searched = search_frames(&live, wanted, space, |outcome| {
         diary.note(outcome);
         if let Some(publisher) = &mut publisher {

@@ -12,7 +12,7 @@ use crate::input::Picture;
 use crate::lens::Optics;
 use crate::pose::{Calibration, CameraArguments, Steady, Width};
 use crate::region::Unsuitable;
-use crate::report::rounded;
+use crate::report::{add_cylinders, rounded};
 use crate::search::Found;
 
 /// The camera and what is known of the objects before it.
@@ -61,18 +61,17 @@ impl Space {
     /// The poses of what is found; `None` when none are asked for.
     pub fn poses(&mut self, model: &Model<'_>, found: &Found) -> Option<Vec<Option<PlanePose>>> {
         let calibration = self.calibration.as_ref()?.through(self.lens);
-        let surface = |i: usize| found.surfaces.get(i).and_then(Option::as_ref);
-        let all = found.detections.iter().enumerate();
-        let mut poses: Vec<_> = all.map(|(i, d)| calibration.pose(model, d, surface(i))).collect();
+        let mut poses = calibration.poses(model, found);
         if let Some(tracking) = &found.tracking {
             self.steady.order(tracking.seen.iter().zip(&mut poses).map(|((id, _), pose)| (*id, pose.as_mut())));
         }
         Some(poses)
     }
 
-    /// Adds the axes of each object to the line of a frame.
-    pub fn draw(&self, line: &mut Value, found: &Found, poses: Option<&[Option<PlanePose>]>) {
+    /// Adds the axes of each object to the line of a frame, and the cylinders that objects lie on.
+    pub fn draw(&self, line: &mut Value, model: &Model<'_>, found: &Found, poses: Option<&[Option<PlanePose>]>) {
         let Some(calibration) = self.calibration.as_ref().map(|c| c.through(self.lens)) else { return };
+        add_cylinders(line, &calibration.cylinders(model, found));
         for (i, (d, pose)) in found.detections.iter().zip(poses.unwrap_or_default()).enumerate() {
             if let Some(pose) = pose {
                 let axes = calibration.axes(d, pose).map(|p| p.map(|v| rounded(v, 2)));

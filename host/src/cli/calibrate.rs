@@ -2,6 +2,7 @@
 
 use std::io::Write;
 use std::path::PathBuf;
+use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail, ensure};
 use keygraph::calibrate::{Calibrated, Kind, LEAST_VIEWS, MOST_VIEWS, View, calibrate};
@@ -60,7 +61,7 @@ struct Sighting {
 ///
 /// # Errors
 /// When a file cannot be read or written, when the picture is not seen often enough, or from too few sides.
-pub fn run(arguments: &Arguments) -> Result<()> {
+pub fn run(arguments: &Arguments) -> Result<ExitCode> {
     let models = expanded(&arguments.models)?;
     let bytes = load(&models)?;
     let model = parse(&bytes, &models)?;
@@ -70,7 +71,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let mut size = None;
     let mut sightings: Vec<Sighting> = Vec::new();
     let mut frames = 0;
-    each_frame(&arguments.inputs, "frames", |number, name, picture| {
+    let unread = each_frame(&arguments.inputs, "frames", true, |number, name, picture| {
         frames += 1;
         let own = [picture.width, picture.height];
         let known = *size.get_or_insert(own);
@@ -82,11 +83,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             known[0],
             known[1]
         );
-        if sightings.len() < MOST_VIEWS
-            && let Some(sighting) = sight(picture, &model, &request, (number, name))?
-            && sightings.iter().all(|other| apart(&sighting.corners, &other.corners, own) > APART)
-        {
-            sightings.push(sighting);
+        if let Some(sighting) = sight(picture, &model, &request, (number, name))? {
+            take(&mut sightings, sighting, own);
         }
         Ok(())
     })?;
@@ -100,14 +98,16 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     let views = |sightings: &[Sighting]| sightings.iter().map(|s| s.view.clone()).collect::<Vec<_>>();
     let mut found = calibrate(kind, &views(&sightings), size, None)?;
+    let mut lost = Vec::new();
     for _ in 0..AGAIN {
         let request = Request { lens: Some(found.lens()?), ..request };
         let mut next = Vec::new();
-        each_frame(&arguments.inputs, "frames through the lens", |number, name, picture| {
-            if sightings.iter().any(|s| s.number == number)
-                && let Some(sighting) = sight(picture, &model, &request, (number, name))?
-            {
-                next.push(sighting);
+        each_frame(&arguments.inputs, "frames through the lens", false, |number, name, picture| {
+            if sightings.iter().any(|s| s.number == number) {
+                match sight(picture, &model, &request, (number, name))? {
+                    Some(sighting) => next.push(sighting),
+                    None => lost.push(name.to_string()),
+                }
             }
             Ok(())
         })?;
@@ -116,24 +116,54 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     let text = lens_file::written(&found, size)?;
     write_file(&arguments.output, |file| Ok(file.write_all(text.as_bytes())?))?;
-    tell(arguments, &sightings, &found, frames)
+    tell(arguments, &sightings, &found, (frames, &lost))?;
+    Ok(ExitCode::from(u8::from(unread > 0)))
 }
 
-/// Calls `each` with every frame of the inputs: its number, its name and its picture.
+/// Takes a view that differs from those that there are. When there are many, it takes the place of one that has
+/// another near it, if it is farther from all.
+fn take(sightings: &mut Vec<Sighting>, new: Sighting, size: [u32; 2]) {
+    let nearest = |to: &Sighting, among: &[Sighting]| {
+        let others = among.iter().filter(|s| s.number != to.number);
+        others.map(|s| apart(&to.corners, &s.corners, size)).fold(f32::MAX, f32::min)
+    };
+    let far = nearest(&new, sightings);
+    if far <= APART {
+        return;
+    }
+    if sightings.len() < MOST_VIEWS {
+        sightings.push(new);
+        return;
+    }
+    let near: Vec<f32> = sightings.iter().map(|s| nearest(s, sightings)).collect();
+    let closest = (0..near.len()).min_by(|&a, &b| near[a].total_cmp(&near[b]));
+    if let Some(i) = closest.filter(|&i| near[i] < far) {
+        sightings[i] = new;
+    }
+}
+
+/// Calls `each` with every frame of the inputs: its number, its name and its picture. Returns how many cannot be read; why
+/// is printed with `tells`.
 fn each_frame(
     inputs: &[PathBuf],
     what: &'static str,
+    tells: bool,
     mut each: impl FnMut(usize, &str, &Picture) -> Result<()>,
-) -> Result<()> {
+) -> Result<usize> {
     let source = Source::open(inputs)?;
     let progress = Progress::new(source.len_hint(), what);
-    let mut result = Ok(());
+    let (mut result, mut unread) = (Ok(()), 0);
     for (number, frame) in source.enumerate() {
         let name =
             if frame.frame > 0 { format!("{}, frame {}", frame.source, frame.frame) } else { frame.source.clone() };
         match frame.picture {
             Ok(picture) => result = each(number, &name, &picture),
-            Err(e) => progress.print(&format!("keygraph: {}", plain_lines(&format!("{e:#}")))),
+            Err(e) => {
+                unread += 1;
+                if tells {
+                    progress.print(&format!("keygraph: {}", plain_lines(&format!("{e:#}"))));
+                }
+            }
         }
         progress.tick();
         if result.is_err() {
@@ -141,7 +171,7 @@ fn each_frame(
         }
     }
     progress.finish();
-    result
+    result.map(|()| unread)
 }
 
 /// The best view of a frame.
@@ -170,7 +200,12 @@ fn apart(a: &[[f32; 2]; 4], b: &[[f32; 2]; 4], [width, height]: [u32; 2]) -> f32
 }
 
 /// Prints what was found.
-fn tell(arguments: &Arguments, sightings: &[Sighting], found: &Calibrated, frames: usize) -> Result<()> {
+fn tell(
+    arguments: &Arguments,
+    sightings: &[Sighting],
+    found: &Calibrated,
+    (frames, lost): (usize, &[String]),
+) -> Result<()> {
     let names = found.kind.names();
     let used = found.views.iter().flatten().count();
     if arguments.json {
@@ -186,14 +221,23 @@ fn tell(arguments: &Arguments, sightings: &[Sighting], found: &Calibrated, frame
     }
     for (name, (value, sigma)) in names.iter().zip(found.numbers.iter().zip(&found.uncertainty)) {
         let digits = if name.starts_with(['f', 'c']) { 2 } else { 5 };
-        print_line(&format!("{name} {value:.digits$} +- {sigma:.digits$}"))?;
+        // A coefficient that cannot be told from 0 is held there.
+        let held = *value == 0.0 && *sigma == 0.0;
+        print_line(&if held {
+            format!("{name} held at 0")
+        } else {
+            format!("{name} {value:.digits$} +- {sigma:.digits$}")
+        })?;
     }
     print_line(&format!(
         "{used} views of {frames} frames, places {:.2} px from where the camera shows them",
         found.error_px
     ))?;
     for (s, _) in sightings.iter().zip(&found.views).filter(|(_, error)| error.is_none()) {
-        print_line(&format!("left out: {}, which does not fit the others", plain(&s.name)))?;
+        print_line(&format!("left out: {}, which shows too little or does not fit the others", plain(&s.name)))?;
+    }
+    for name in lost {
+        print_line(&format!("left out: {}, in which the picture is not found through the lens", plain(name)))?;
     }
     if found.reach < FAR {
         print_line(&format!(

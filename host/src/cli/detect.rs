@@ -209,7 +209,9 @@ pub fn search(bytes: &[u8], paths: &[PathBuf], arguments: &Search) -> Result<Exi
                 }
                 let (source, frame) = (&outcome.source, outcome.frame);
                 let text = if arguments.json {
-                    report::frame_line(source, frame, s.size, &model, &s.found, s.poses.as_deref()).to_string()
+                    let mut line = report::frame_line(source, frame, s.size, &model, &s.found, s.poses.as_deref());
+                    report::add_cylinders(&mut line, &s.cylinders);
+                    line.to_string()
                 } else if arguments.csv {
                     report::csv_lines(source, frame, &model, &s.found)
                 } else {

@@ -105,7 +105,7 @@ pub fn run() -> Result<ExitCode> {
         Command::Find(arguments) => return find::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments)?,
         #[cfg(feature = "calibrate")]
-        Command::Calibrate(arguments) => calibrate::run(&arguments)?,
+        Command::Calibrate(arguments) => return calibrate::run(&arguments),
         #[cfg(feature = "live")]
         Command::Camera(arguments) => camera::run(&arguments)?,
         #[cfg(feature = "live")]

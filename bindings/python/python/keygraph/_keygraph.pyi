@@ -163,6 +163,9 @@ class Detector:
         roi: _Region | None = None,
         mirror: bool = False,
         surface: Literal["any", "plane"] | str = "any",
+        intrinsics: _Intrinsics | None = None,
+        distortion: Sequence[float] | NDArray[Any] | None = None,
+        fisheye: bool = False,
         digests: bool = False,
     ) -> Detector: ...
     def detect(
@@ -195,6 +198,9 @@ class Tracker:
         roi: _Region | None = None,
         mirror: bool = False,
         surface: Literal["any", "plane"] | str = "any",
+        intrinsics: _Intrinsics | None = None,
+        distortion: Sequence[float] | NDArray[Any] | None = None,
+        fisheye: bool = False,
     ) -> Tracker: ...
     def track(
         self,
