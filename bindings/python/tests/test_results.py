@@ -235,7 +235,11 @@ def test_an_assessment_is_of_one_object(model: keygraph.Model, coffee: keygraph.
         ({"surface": "can"}, ValueError, 'surface: expected "any" or "plane", got "can"'),
         ({"distortion": [0, 0, 0, 0]}, ValueError, "both intrinsics and distortion"),
         ({"intrinsics": CAMERA, "distortion": [0, 0, 0]}, ValueError, "4, 5 or 8 coefficients"),
-        ({"intrinsics": CAMERA, "distortion": [0] * 5, "fisheye": True}, ValueError, "4 coefficients of a fisheye lens"),
+        (
+            {"intrinsics": CAMERA, "distortion": [0] * 5, "fisheye": True},
+            ValueError,
+            "4 coefficients of a fisheye lens",
+        ),
         ({"intrinsics": CAMERA, "distortion": "0,0,0,0"}, TypeError, "expected a list of numbers"),
         ({"intrinsics": CAMERA, "distortion": [0] * 4, "mirror": True}, ValueError, "not mirrored"),
         ({"wide": True}, TypeError, "wide"),
