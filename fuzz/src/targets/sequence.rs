@@ -1,12 +1,12 @@
 //! Frames in order, which show the object or something else. The tracker must not panic, and its
-//! tracks must stay in order.
+//! tracks must stay in order. The surfaces of its tracks, through lenses too, have places for all points.
 //!
 //! In: the model, the threshold, then for each frame: where the object is, which rows of it are
 //! hidden, bytes that replace pixels, and when the search is stopped. The detector is sometimes used
 //! for something else in between. Out: nothing. After half of the frames the model may be
 //! another one. Cost: up to [`MOST`] qqvga frames, most of them followed without a search.
 
-use keygraph_core::{Frame, Model, Observer, PixelFormat, State, TRACKS, Tracker};
+use keygraph_core::{Distortion, Frame, Known, Lens, Model, Observer, PixelFormat, State, Surfaces, TRACKS, Tracker};
 
 use crate::{Input, PICTURE, detector, models, picture};
 
@@ -36,7 +36,8 @@ pub fn sequence(data: &[u8]) {
     let parsed = |i: usize| Model::parse(&models[i % models.len()]).expect("it was trained");
     let (first, second) = (parsed(choice), parsed(choice / 16));
     let threshold = f32::from(input.byte()) / 255.0;
-    let (mut detector, mut tracker) = (detector(), Tracker::new());
+    let (mut detector, mut tracker, mut surfaces) = (detector(), Tracker::new(), Surfaces::new());
+    let lenses = lenses();
     let mut next = 0;
     for number in 0..MOST {
         if input.0.is_empty() {
@@ -66,7 +67,26 @@ pub fn sequence(data: &[u8]) {
             newest = newest.max(t.id + 1);
         }
         next = newest;
+        for t in tracker.tracks() {
+            let lens = lenses[number % lenses.len()].as_ref();
+            let known = Known { lens, is_flat: number % 5 == 4 };
+            let surface = surfaces.surface(&mut detector, &frame, model, t, known, &mut budget);
+            if let Some(surface) = surface.expect("it fits the profile") {
+                assert!(surface.points.as_flattened().iter().all(|v| v.is_finite()), "{surface:?}");
+                assert!(t.state != State::Lost && !(known.is_flat && surface.is_bent), "{t:?}");
+                let mut flat = [0; 24 * 17];
+                detector.flatten(&surface, [24, 17], &mut flat);
+            }
+        }
     }
+}
+
+/// No lens, one that folds within the frame, and a fisheye lens.
+fn lenses() -> [Option<Lens>; 3] {
+    let camera = [130.0, 131.0, 80.0, 61.0];
+    let lens = |distortion| Lens::new(camera, distortion).ok();
+    let folds = Distortion::Brown([-0.9, 0.1, 1e-3, -1e-3, 0.0, 0.0, 0.0, 0.0]);
+    [None, lens(folds), lens(Distortion::Fisheye([0.1, -0.1, 0.05, -0.2]))]
 }
 
 /// Makes the pixels of the next frame.

@@ -99,8 +99,8 @@ pub struct Arguments {
     /// The source of frames.
     #[command(flatten)]
     pub origin: Origin,
-    /// Model with the objects to find; several are searched at once
-    #[arg(short, long = "model", value_name = "MODEL.kgm")]
+    /// Model with the objects to find, or a folder of models; several are searched at once
+    #[arg(short, long = "model", value_name = "MODEL.kgm|DIR")]
     pub models: Vec<PathBuf>,
     /// Folder of more models to find; models learned or loaded on the page are kept there
     #[arg(long = "models", value_name = "DIR")]

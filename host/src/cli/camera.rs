@@ -5,6 +5,7 @@ use clap::error::ErrorKind;
 use keygraph::camera::camera;
 use keygraph::region::Unsuitable;
 
+use super::model_files::expanded;
 use super::usage_error;
 pub use keygraph::camera::arguments::Arguments;
 
@@ -13,7 +14,8 @@ pub use keygraph::camera::arguments::Arguments;
 /// # Errors
 /// When a model or the source cannot be read, or the page's address cannot be bound.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    match camera(arguments) {
+    let arguments = Arguments { models: expanded(&arguments.models)?, ..arguments.clone() };
+    match camera(&arguments) {
         Err(e) if e.is::<Unsuitable>() => usage_error(ErrorKind::ValueValidation, format!("{e:#}")),
         ended => ended,
     }
