@@ -25,10 +25,8 @@ const FOREIGN: f64 = 3.0;
 const UNCERTAIN: f64 = 0.02;
 /// Maximum number of steps.
 const STEPS: usize = 60;
-/// Number of intrinsics, and of coefficients of each lens.
+/// Number of intrinsics, which come before the coefficients.
 const INTRINSICS: usize = 4;
-const BROWN: usize = 5;
-const FISHEYE: usize = 4;
 
 /// A kind of lens.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -50,7 +48,7 @@ impl Kind {
     }
 
     const fn numbers(self) -> usize {
-        INTRINSICS + if matches!(self, Self::Brown) { BROWN } else { FISHEYE }
+        self.names().len()
     }
 }
 
@@ -76,7 +74,7 @@ pub struct Calibrated {
     pub uncertainty: Vec<f64>,
     /// Distance of places from where the camera shows them, px: root mean square over the views that count.
     pub error_px: f64,
-    /// The same for each view; `None` for one that was left out.
+    /// Distance of the places of each view, px, root mean square; `None` for a view that was left out.
     pub views: Vec<Option<f64>>,
     /// How far from the middle of the frame places were seen, as a share of its half diagonal.
     pub reach: f64,
@@ -109,7 +107,7 @@ struct Problem {
     holds_last: bool,
 }
 
-/// Where a camera shows a point, px.
+/// Where a camera shows a point, px: as [`Lens::distort`] does, in double precision, since slopes are differences.
 fn project(kind: Kind, n: &[f64], p: Vector3<f64>) -> [f64; 2] {
     let (x, y) = (p.x / p.z, p.y / p.z);
     let [u, v] = match (kind, &n[INTRINSICS..]) {
@@ -286,23 +284,19 @@ pub fn calibrate(kind: Kind, views: &[View], size: [u32; 2], start: Option<&Cali
         camera[last] = 0.0;
     }
     // Once to find the views that do not fit, and once without them.
-    let has_pose = |&i: &usize| views[i].matches.len() >= LEAST_PLACES && pose(&views[i], &camera).is_ok();
-    let mut used: Vec<usize> = (0..views.len()).filter(has_pose).collect();
-    let first = fitted(kind, views, &used, camera, kind == Kind::Brown)?;
-    let mut sorted = first.errors.clone();
+    let used = (0..views.len()).filter(|&i| views[i].matches.len() >= LEAST_PLACES).collect();
+    let Fitted { camera, used, errors, .. } = fitted(kind, views, used, camera, kind == Kind::Brown)?;
+    let mut sorted = errors.clone();
     sorted.sort_by(f64::total_cmp);
     let most = FOREIGN * sorted[sorted.len() / 2].max(0.1);
-    let fits: Vec<bool> = first.errors.iter().map(|&error| error <= most).collect();
-    let mut fits = fits.iter();
-    used.retain(|&i| fits.next() == Some(&true) && pose(&views[i], &first.camera).is_ok());
-    let mut found = fitted(kind, views, &used, first.camera, false)?;
+    let used = used.into_iter().zip(errors).filter(|(_, error)| *error <= most).map(|(i, _)| i).collect();
+    let mut found = fitted(kind, views, used, camera, false)?;
     if kind == Kind::Brown && found.camera[last].abs() < 2.0 * found.uncertainty[last] {
         // What cannot be told from nothing is nothing: it would bend the corners of the frame.
         found.camera[last] = 0.0;
-        used.retain(|&i| pose(&views[i], &found.camera).is_ok());
-        found = fitted(kind, views, &used, found.camera, true)?;
+        found = fitted(kind, views, found.used, found.camera, true)?;
     }
-    let Fitted { camera, uncertainty, errors } = found;
+    let Fitted { camera, uncertainty, used, errors } = found;
     let doubts = [0, 1].map(|i| uncertainty[i] / camera[i].abs());
     let doubt = doubts.into_iter().fold(0.0, f64::max);
     // A comparison with NaN is false.
@@ -328,12 +322,15 @@ pub fn calibrate(kind: Kind, views: &[View], size: [u32; 2], start: Option<&Cali
 struct Fitted {
     camera: Vec<f64>,
     uncertainty: Vec<f64>,
-    /// Of each view, px.
+    /// The views that it was fitted to, and the error of each, px.
+    used: Vec<usize>,
     errors: Vec<f64>,
 }
 
-/// Fits a camera to the views `used`, from `camera` on.
-fn fitted(kind: Kind, views: &[View], used: &[usize], camera: Vec<f64>, holds_last: bool) -> Result<Fitted> {
+/// Fits a camera to those of the views `used` that have a pose, from `camera` on.
+fn fitted(kind: Kind, views: &[View], used: Vec<usize>, camera: Vec<f64>, holds_last: bool) -> Result<Fitted> {
+    let poses = used.into_iter().filter_map(|i| Some((i, pose(&views[i], &camera).ok()?)));
+    let (used, poses): (Vec<usize>, Vec<[f64; 6]>) = poses.unzip();
     ensure!(
         used.len() >= LEAST_VIEWS,
         "{} views can be used, and {LEAST_VIEWS} are needed: show the picture from the front and tilted by 30 degrees to each \
@@ -342,10 +339,7 @@ fn fitted(kind: Kind, views: &[View], used: &[usize], camera: Vec<f64>, holds_la
     );
     let problem = Problem { kind, views: used.iter().map(|&i| places(&views[i])).collect(), holds_last };
     let (n, mut x) = (kind.numbers(), camera);
-    for &i in used {
-        let pose = pose(&views[i], &x)?;
-        x.extend(pose);
-    }
+    x.extend(poses.as_flattened());
     let x = problem.solve(DVector::from_vec(x));
     let camera = x.as_slice()[..n].to_vec();
     let error = |view: usize| {
@@ -365,7 +359,7 @@ fn fitted(kind: Kind, views: &[View], used: &[usize], camera: Vec<f64>, holds_la
     if holds_last {
         uncertainty[n - 1] = 0.0;
     }
-    Ok(Fitted { camera, uncertainty, errors })
+    Ok(Fitted { camera, uncertainty, used, errors })
 }
 
 /// The numbers that a calibration starts from.

@@ -114,6 +114,24 @@ impl CameraArguments {
     }
 }
 
+/// Where a detection is in space.
+#[derive(Clone, Copy, Debug)]
+pub struct Place {
+    /// The pose of a flat object, when there is one.
+    pub pose: Option<PlanePose>,
+    /// The cylinder that a bent object lies on.
+    pub cylinder: Option<Cylinder>,
+}
+
+impl Place {
+    /// The middle of the picture, mm before the camera.
+    #[must_use]
+    pub fn middle_mm(&self) -> Option<[f32; 3]> {
+        let pose = self.pose.map(|p| p.best).or_else(|| self.cylinder.map(|c| c.pose))?;
+        Some(pose.translation_mm)
+    }
+}
+
 /// A camera's intrinsics, and the true width of each object of a model.
 #[derive(Clone, Debug)]
 pub struct Calibration {
@@ -163,7 +181,7 @@ impl Calibration {
         Self { intrinsics, lens: None, widths_mm: (0..model.objects()).map(width).collect() }
     }
 
-    /// The same for frames of this lens, whose intrinsics count then.
+    /// Returns the calibration for frames of this lens, whose intrinsics then count.
     #[must_use]
     pub fn through(&self, lens: Option<Lens>) -> Self {
         let of_lens = lens.and_then(|lens| {
@@ -176,8 +194,7 @@ impl Calibration {
     /// The poses of a detection, whose homography is in px of the input, or of its plane seen through a lens.
     /// `None` when no pose gives this homography, when the object is bent or not seen through its lens, or when its
     /// width is not known.
-    #[must_use]
-    pub fn pose(&self, model: &Model<'_>, detection: &Detection, surface: Option<&Surface>) -> Option<PlanePose> {
+    fn pose(&self, model: &Model<'_>, detection: &Detection, surface: Option<&Surface>) -> Option<PlanePose> {
         // Through a lens the homography of the frame is none of a plane.
         if surface.map_or(self.lens.is_some(), |s| s.is_bent) {
             return None;
@@ -191,8 +208,7 @@ impl Calibration {
 
     /// The cylinder that a bent object lies on. `None` for a flat one, one whose width is not known, and where no cylinder
     /// gives this surface.
-    #[must_use]
-    pub fn cylinder(&self, model: &Model<'_>, detection: &Detection, surface: Option<&Surface>) -> Option<Cylinder> {
+    fn cylinder(&self, model: &Model<'_>, detection: &Detection, surface: Option<&Surface>) -> Option<Cylinder> {
         let surface = surface.filter(|s| s.is_bent)?;
         let index = usize::from(detection.object);
         let object = model.object(index);
@@ -200,16 +216,15 @@ impl Calibration {
         cylinder(surface, &self.intrinsics, self.lens.as_ref(), size_px, self.widths_mm[index]?).ok()
     }
 
-    /// The poses of all detections of a frame.
+    /// Where all detections of a frame are.
     #[must_use]
-    pub fn poses(&self, model: &Model<'_>, found: &Found) -> Vec<Option<PlanePose>> {
-        found.detections.iter().enumerate().map(|(i, d)| self.pose(model, d, found.surface(i))).collect()
-    }
-
-    /// The cylinders of all detections of a frame.
-    #[must_use]
-    pub fn cylinders(&self, model: &Model<'_>, found: &Found) -> Vec<Option<Cylinder>> {
-        found.detections.iter().enumerate().map(|(i, d)| self.cylinder(model, d, found.surface(i))).collect()
+    pub fn places(&self, model: &Model<'_>, found: &Found) -> Vec<Place> {
+        let all = found.detections.iter().enumerate();
+        all.map(|(i, d)| {
+            let surface = found.surface(i);
+            Place { pose: self.pose(model, d, surface), cylinder: self.cylinder(model, d, surface) }
+        })
+        .collect()
     }
 
     /// The object's axes in the input, px: the object's centre, then the ends of x (right),

@@ -9,6 +9,7 @@ use serde_json::{Map, Value, json};
 use crate::alike::Alike;
 use crate::assess::Assessment;
 use crate::bench::{Bench, Held, StageCost, Times};
+use crate::pose::Place;
 use crate::search::Found;
 use crate::structure::Structure;
 use crate::sweep::{Cell, Row, Sweep};
@@ -41,20 +42,18 @@ pub fn plane_pose_object(poses: Option<&PlanePose>) -> Value {
     object
 }
 
-/// Adds cylinders to the detections of a frame's line.
-pub fn add_cylinders(line: &mut Value, cylinders: &[Option<Cylinder>]) {
-    for (i, c) in cylinders.iter().enumerate().filter_map(|(i, c)| c.as_ref().map(|c| (i, c))) {
-        let mut entry = json!({
-            "radius_mm": rounded(c.radius_mm, 3),
-            "inside": c.is_inside,
-            "axis": c.axis.map(|v| rounded(v, 6)),
-            "centre_mm": c.centre_mm.map(|v| rounded(v, 3)),
-        });
-        if let (Value::Object(all), Value::Object(pose)) = (&mut entry, pose_object(&c.pose)) {
-            all.extend(pose);
-        }
-        line["detections"][i]["cylinder"] = entry;
+/// A cylinder, with the pose of the label on it.
+fn cylinder_object(c: &Cylinder) -> Value {
+    let mut object = json!({
+        "radius_mm": rounded(c.radius_mm, 3),
+        "inside": c.is_inside,
+        "axis": c.axis.map(|v| rounded(v, 6)),
+        "centre_mm": c.centre_mm.map(|v| rounded(v, 3)),
+    });
+    if let (Value::Object(all), Value::Object(pose)) = (&mut object, pose_object(&c.pose)) {
+        all.extend(pose);
     }
+    object
 }
 
 /// The names of the columns of [`csv_lines`].
@@ -77,7 +76,7 @@ pub fn csv_lines(source: &str, frame: u64, model: &Model<'_>, found: &Found) -> 
     found.detections.iter().map(line).collect::<Vec<_>>().join("\n")
 }
 
-/// The line of a frame that was read. `poses` has one entry a detection.
+/// The line of a frame that was read. `places` has one entry a detection.
 #[must_use]
 pub fn frame_line(
     source: &str,
@@ -85,11 +84,14 @@ pub fn frame_line(
     size: (u32, u32),
     model: &Model<'_>,
     found: &Found,
-    poses: Option<&[Option<PlanePose>]>,
+    places: Option<&[Place]>,
 ) -> Value {
     let mut detections: Vec<Value> = (0..found.detections.len()).map(|i| detection_entry(model, found, i)).collect();
-    for (entry, pose) in detections.iter_mut().zip(poses.unwrap_or_default()) {
-        entry["pose"] = plane_pose_object(pose.as_ref());
+    for (entry, place) in detections.iter_mut().zip(places.unwrap_or_default()) {
+        entry["pose"] = plane_pose_object(place.pose.as_ref());
+        if let Some(cylinder) = &place.cylinder {
+            entry["cylinder"] = cylinder_object(cylinder);
+        }
     }
     let mut stages = Map::new();
     let mut times = Map::new();

@@ -135,11 +135,10 @@ pub const fn depth_of(thorough: bool) -> Depth {
 }
 
 impl Request {
-    /// The same request for px of a part or a copy of the picture; `to_picture` is the map to px of the picture.
+    /// Returns the request for px of a part or a copy of the picture; `to_picture` is the map to px of the picture.
     #[must_use]
     pub fn within(&self, to_picture: &Homography) -> Self {
-        let from_picture = to_picture.inverse().map(|map| map.normalised());
-        Self { lens: self.lens.zip(from_picture).map(|(lens, map)| lens.mapped(&map)), ..*self }
+        Self { lens: self.lens.map(|lens| lens.within(to_picture)), ..*self }
     }
 
     /// What is known of the objects and the camera.

@@ -13,7 +13,7 @@ use std::sync::mpsc::{Receiver, channel};
 use std::thread;
 
 use anyhow::{Context, Result, anyhow};
-use keygraph_core::{Cylinder, Detection, Model, PlanePose};
+use keygraph_core::{Detection, Model};
 
 use crate::annotate::{
     Canvas, Outline, colour, draw_axes, draw_corners, draw_label, draw_outline, draw_part, draw_triangles,
@@ -22,7 +22,7 @@ use crate::cutout::rectify;
 use crate::input::{Kind, Pending, Picture, Source, SourceFrame};
 use crate::lens::Optics;
 use crate::output::plain;
-use crate::pose::Calibration;
+use crate::pose::{Calibration, Place};
 use crate::search::{Found, MAX_THREADS, Request, search_for};
 use crate::trail::Trail;
 
@@ -65,10 +65,8 @@ pub struct Searched {
     pub size: (u32, u32),
     /// The results.
     pub found: Found,
-    /// The pose of each detection that has one; `None` without a calibration.
-    pub poses: Option<Vec<Option<PlanePose>>>,
-    /// The cylinder that each detection lies on; empty without a calibration.
-    pub cylinders: Vec<Option<Cylinder>>,
+    /// Where each detection is in space; `None` without a calibration.
+    pub places: Option<Vec<Place>>,
     /// The frame with the results drawn onto it; `None` unless asked for.
     pub canvas: Option<Canvas>,
     /// Each object as it looks flat; empty unless asked for.
@@ -195,13 +193,12 @@ fn search_one(
         }
         .with_context(|| source.clone())?;
         let calibration = options.calibration.map(|c| c.through(lens));
-        let poses = calibration.as_ref().map(|c| c.poses(model, &found));
-        let cylinders = calibration.as_ref().map(|c| c.cylinders(model, &found)).unwrap_or_default();
+        let places = calibration.as_ref().map(|c| c.places(model, &found));
         let canvas = options.annotate.then(|| {
             let mut canvas = draw(&p, model, &found);
-            if let (Some(calibration), Some(poses)) = (&calibration, &poses) {
-                for (d, pose) in found.detections.iter().zip(poses) {
-                    if let Some(pose) = pose {
+            if let (Some(calibration), Some(places)) = (&calibration, &places) {
+                for (d, place) in found.detections.iter().zip(places) {
+                    if let Some(pose) = &place.pose {
                         draw_axes(&mut canvas, calibration.axes(d, pose));
                     }
                 }
@@ -214,7 +211,7 @@ fn search_one(
         };
         let shown = found.detections.iter().enumerate().filter(|_| options.rectify);
         let flat = shown.map(|(i, d)| rectify(&p, d, found.surface(i), size(d))).collect();
-        Ok(Searched { size: (p.width, p.height), found, poses, cylinders, canvas, flat })
+        Ok(Searched { size: (p.width, p.height), found, places, canvas, flat })
     });
     Outcome { source, frame, kind, result }
 }

@@ -308,8 +308,8 @@ pub fn search_frame(
 
 /// Whether the time was over before the surface of some detection was looked for.
 fn lacks_surfaces(found: &Found, request: &Request, watch: &mut Watch) -> bool {
-    let is_open = |(d, s): (&Detection, &Option<Surface>)| s.is_none() && d.appearance.visible < 0.99;
-    request.wants_surfaces() && !watch.goes_on() && found.detections.iter().zip(&found.surfaces).any(is_open)
+    let is_open = |(d, s): (&Detection, &Option<Surface>)| s.is_none() && request.known().wants_surface(d);
+    !watch.goes_on() && found.detections.iter().zip(&found.surfaces).any(is_open)
 }
 
 /// The matched cells of each detection, near its surface or its plane.

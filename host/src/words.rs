@@ -6,11 +6,12 @@
 
 use std::path::Path;
 
-use keygraph_core::{Detection, FeatureKind, Model, PlanePose, Trained};
+use keygraph_core::{Detection, FeatureKind, Model, Trained};
 
 use crate::assess::Assessment;
 use crate::bench::Bench;
 use crate::output::plain;
+use crate::pose::Place;
 use crate::run::Searched;
 use crate::sweep::{Cell, frames};
 
@@ -137,22 +138,22 @@ pub fn frame(source: &str, index: u64, model: &Model<'_>, searched: &Searched) -
     let what = if found.detections.is_empty() {
         "nothing found".to_string()
     } else {
-        let pose = |i: usize| searched.poses.as_ref().and_then(|poses| poses[i].as_ref());
-        let one = |(i, d)| detection(model, d, pose(i));
+        let place = |i: usize| searched.places.as_ref().map(|places| &places[i]);
+        let one = |(i, d)| detection(model, d, place(i));
         found.detections.iter().enumerate().map(one).collect::<Vec<_>>().join("; ")
     };
     let source = plain(source);
     format!("{source} [{index}]: {what} ({:.1} ms)", found.total_ns as f64 / 1e6)
 }
 
-fn detection(model: &Model<'_>, d: &Detection, pose: Option<&PlanePose>) -> String {
+fn detection(model: &Model<'_>, d: &Detection, place: Option<&Place>) -> String {
     let [x, y] = [0, 1].map(|i| d.corners.iter().map(|c| c[i]).sum::<f32>() / 4.0);
     let side = |a: [f32; 2], b: [f32; 2]| (b[0] - a[0]).hypot(b[1] - a[1]);
     let [a, b, c, _] = d.corners;
     // Adding 0 turns -0, which would be written as -0, into 0.
     let angle = (b[1] - a[1]).atan2(b[0] - a[0]).to_degrees().round() + 0.0;
-    let distance = pose.map_or_else(String::new, |p| {
-        let mm = p.best.translation_mm.iter().map(|v| v * v).sum::<f32>().sqrt();
+    let distance = place.and_then(Place::middle_mm).map_or_else(String::new, |middle| {
+        let mm = middle.iter().map(|v| v * v).sum::<f32>().sqrt();
         format!(", {mm:.0} mm away")
     });
     format!(

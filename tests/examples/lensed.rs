@@ -12,8 +12,9 @@ use keygraph::canvas::Canvas;
 use keygraph::input::read_picture;
 use keygraph::random::Random;
 use keygraph_core::{Distortion, Lens};
-use keygraph_tests::lensed::{FRAME, Lensed};
+use keygraph_tests::lensed::Lensed;
 use keygraph_tests::motion::astronaut;
+use keygraph_tests::scene::FRAME;
 
 fn main() {
     let arguments: Vec<String> = std::env::args().skip(1).collect();

@@ -3,12 +3,12 @@
 //! In: a picture and a pose. Out: a frame of 640 x 480 px, and where places of the picture are in it. The can is
 //! a cylinder before a pinhole camera; each pixel's ray is met with it.
 
-use keygraph::picture::{Picture, Pixels};
+use keygraph::picture::Picture;
+
+use crate::scene::{FRAME, frame_of};
 
 /// Focal length, px.
 const FOCAL: f32 = 700.0;
-/// Size of the frame, px.
-const FRAME: [u32; 2] = [640, 480];
 /// Distance of the can's axis from the camera, in widths of the label.
 const AWAY: f32 = 2.2;
 
@@ -47,37 +47,18 @@ impl Can<'_> {
     /// # Panics
     /// When the picture is not RGB.
     #[must_use]
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "colours and places in the picture")]
     pub fn frame(&self) -> Picture {
-        let Pixels::Rgb8(label) = &self.picture.pixels else { unreachable!("the picture is not RGB") };
         let ([w, h], radius) = (self.sides(), 1.0 / self.turn);
         let (sin, cos) = self.lean.sin_cos();
-        let mut rgb = Vec::with_capacity(FRAME[0] as usize * FRAME[1] as usize * 3);
-        for i in 0..FRAME[0] * FRAME[1] {
-            let noise = (i.wrapping_mul(2_654_435_761) >> 29) as f32;
-            let x = ((i % FRAME[0]) as f32 - FRAME[0] as f32 / 2.0) / FOCAL;
-            let y = ((i / FRAME[0]) as f32 - FRAME[1] as f32 / 2.0) / FOCAL;
+        frame_of(self.picture, |[x, y]| {
+            let [x, y] = [(x - FRAME[0] as f32 / 2.0) / FOCAL, (y - FRAME[1] as f32 / 2.0) / FOCAL];
             let [x, y] = [x * cos + y * sin, y * cos - x * sin];
             // The ray (x, y, 1) s meets the cylinder where (x s)^2 + (s - AWAY)^2 = radius^2.
             let (a, b, c) = (x * x + 1.0, AWAY, AWAY * AWAY - radius * radius);
             let meets = b * b - a * c;
             let s = (b - meets.max(0.0).sqrt()) / a;
             let angle = (x * s).atan2(AWAY - s) - self.spin;
-            let (u, v) = ((angle / self.turn + 0.5) * w, y * s * w + h / 2.0);
-            let is_label = meets > 0.0 && u >= 0.0 && v >= 0.0 && u < w - 1.0 && v < h - 1.0;
-            for channel in 0..3 {
-                let at = |x: usize, y: usize| f32::from(label[(y * w as usize + x) * 3 + channel]);
-                let (j, k) = (u as usize, v as usize);
-                let (p, q) = (u - j as f32, v - k as f32);
-                let seen = if is_label {
-                    let row = |k: usize| at(j, k) * (1.0 - p) + at(j + 1, k) * p;
-                    (row(k) * (1.0 - q) + row(k + 1) * q) * 0.85
-                } else {
-                    90.0
-                };
-                rgb.push((seen + noise) as u8);
-            }
-        }
-        Picture { width: FRAME[0], height: FRAME[1], pixels: Pixels::Rgb8(rgb) }
+            (meets > 0.0).then_some([(angle / self.turn + 0.5) * w, y * s * w + h / 2.0])
+        })
     }
 }

@@ -5,6 +5,7 @@ pub mod boards;
 pub mod can;
 pub mod lensed;
 pub mod motion;
+pub mod scene;
 
 use std::path::{Path, PathBuf};
 

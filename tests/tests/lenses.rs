@@ -8,10 +8,10 @@ use keygraph::learn::{Preset, train};
 use keygraph::lens_file;
 use keygraph::picture::Picture;
 use keygraph::search::{Follower, Profile, Request, Shape, follow, search_for};
-use keygraph_core::stages::surface::SIDE;
 use keygraph_core::{DEFAULT_THRESHOLD, Distortion, Intrinsics, Lens, Model, Pose, Surface, plane_pose};
-use keygraph_tests::lensed::{FRAME, Lensed};
+use keygraph_tests::lensed::Lensed;
 use keygraph_tests::motion::astronaut;
+use keygraph_tests::scene::{FRAME, grid_error};
 
 static PICTURE: LazyLock<Picture> = LazyLock::new(astronaut);
 static MODEL: LazyLock<Vec<u8>> = LazyLock::new(|| train(&PICTURE, "astronaut", Preset::Compact, false).unwrap().0);
@@ -46,13 +46,7 @@ fn view((turn, middle): ([f32; 3], [f32; 3]), lens: Lens) -> Lensed<'static> {
 
 /// Mean distance of the grid points from where they are, px.
 fn error(surface: &Surface, truth: &Lensed<'_>) -> f32 {
-    let sides = [PICTURE.width as f32, PICTURE.height as f32];
-    let at = |i: usize, side: f32| i as f32 / (SIDE - 1) as f32 * side;
-    let off = |(i, p): (usize, &[f32; 2])| {
-        let q = truth.place([at(i % SIDE, sides[0]), at(i / SIDE, sides[1])]);
-        (p[0] - q[0]).hypot(p[1] - q[1])
-    };
-    surface.points.iter().enumerate().map(off).sum::<f32>() / surface.points.len() as f32
+    grid_error(surface, &PICTURE, |p| truth.place(p))
 }
 
 /// Angle between two rotations, degrees, and the distance of two places over that from the camera.

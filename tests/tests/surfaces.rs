@@ -12,6 +12,7 @@ use keygraph_core::stages::surface::SIDE;
 use keygraph_core::{DEFAULT_THRESHOLD, Intrinsics, Model, Surface, cylinder};
 use keygraph_tests::can::Can;
 use keygraph_tests::motion::{Motion, Sequence, astronaut};
+use keygraph_tests::scene::grid_error;
 
 static PICTURE: LazyLock<Picture> = LazyLock::new(astronaut);
 static MODEL: LazyLock<Vec<u8>> = LazyLock::new(|| train(&PICTURE, "astronaut", Preset::Compact, false).unwrap().0);
@@ -27,14 +28,8 @@ fn request() -> Request {
 /// Mean distance of the grid points from where they are, in sizes of the object.
 fn error(surface: &Surface, can: &Can<'_>) -> f32 {
     let sides = [PICTURE.width as f32, PICTURE.height as f32];
-    let at = |i: usize, side: f32| i as f32 / (SIDE - 1) as f32 * side;
-    let off = |(i, p): (usize, &[f32; 2])| {
-        let q = can.place([at(i % SIDE, sides[0]), at(i / SIDE, sides[1])]);
-        (p[0] - q[0]).hypot(p[1] - q[1])
-    };
-    let mean = surface.points.iter().enumerate().map(off).sum::<f32>() / surface.points.len() as f32;
     let [a, b] = [can.place([0.0; 2]), can.place(sides)];
-    mean / ((b[0] - a[0]) * (b[1] - a[1])).abs().sqrt()
+    grid_error(surface, &PICTURE, |p| can.place(p)) / ((b[0] - a[0]) * (b[1] - a[1])).abs().sqrt()
 }
 
 /// The surface and the plane of the one detection of a frame.

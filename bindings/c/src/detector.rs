@@ -404,10 +404,7 @@ unsafe fn put_surface<P: Profile>(
     }
     let object = model.object(usize::from(found.object));
     // The lens is that of the frame, and the detector has a window of it.
-    let lens = match (lens, window.map(|w| w.to_frame().inverse())) {
-        (Some(lens), Some(Some(into))) => Some(lens.mapped(&into.normalised())),
-        (lens, _) => lens.copied(),
-    };
+    let lens = lens.map(|lens| window.map_or(*lens, |w| lens.within(&w.to_frame())));
     let known = Known { lens: lens.as_ref(), is_flat: false };
     let size = [object.width as f32, object.height as f32];
     let surface = d.surface(model, found, known, &mut || 0);

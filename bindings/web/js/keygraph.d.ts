@@ -180,6 +180,8 @@ export interface Detection {
   id?: number;
   /** With a tracker, for lost instances: frames since it was seen. */
   unseen?: number;
+  /** With intrinsics, for a bent object: the cylinder that fits its surface best. */
+  cylinder?: Pose & { radius_mm: number; inside: boolean; axis: number[]; centre_mm: number[] };
   /** With intrinsics: the pose; `null` when none fits, and for a bent object. */
   pose?: (Pose & { ambiguous: boolean; mirrored: Pose }) | null;
 }

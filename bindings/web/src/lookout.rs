@@ -109,10 +109,9 @@ impl Lookout {
             }
             None => search_for(&picture, &self.model, &request, 0)?,
         };
-        let poses = self.calibration.as_ref();
-        let poses = poses.map(|c| c.poses(&self.model, &found));
+        let places = self.calibration.as_ref().map(|c| c.places(&self.model, &found));
         let size = (picture.width, picture.height);
-        let mut line = frame_line(&look.source, look.frame, size, &self.model, &found, poses.as_deref());
+        let mut line = frame_line(&look.source, look.frame, size, &self.model, &found, places.as_deref());
         if !look.details {
             return Ok(Answer::of(&line));
         }

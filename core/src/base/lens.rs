@@ -113,14 +113,22 @@ impl Lens {
         &self.distortion
     }
 
-    /// The same lens over px that `map` makes of its own: a scale along each axis and a shift, such as those of a
-    /// window of the frame or of a smaller copy of it. A mirrored frame has a negative scale.
+    /// Returns the lens in px of a copy of its frame. `map` is the map from the frame to the copy: a scale along each
+    /// axis, negative where the copy is mirrored, and a shift.
     #[must_use]
     pub fn mapped(&self, map: &Homography) -> Self {
         let [x, _, left, _, y, top, ..] = map.0;
         let [fx, fy] = self.focal;
         let [cx, cy] = self.centre;
         Self { focal: [x * fx, y * fy], centre: [x * cx + left, y * cy + top], ..*self }
+    }
+
+    /// Returns the lens in px of a part or a copy of its frame. `to_frame` is the map from it to the frame, as
+    /// [`Window::to_frame`](crate::Window::to_frame) gives it for a window.
+    #[must_use]
+    pub fn within(&self, to_frame: &Homography) -> Self {
+        let [x, _, left, _, y, top, ..] = to_frame.0;
+        self.mapped(&Homography::affine([1.0 / x, 0.0, -left / x, 0.0, 1.0 / y, -top / y]))
     }
 
     /// Where the lens shows a place of the ideal frame, px. What lies farther out than the calibration can say is put
@@ -285,9 +293,11 @@ mod tests {
     fn a_lens_of_a_smaller_or_moved_frame_shows_the_same() {
         let lens = Lens::new([480.0, 480.0, 320.0, 240.0], WIDE).unwrap();
         let map = Homography::affine([0.5, 0.0, -30.25, 0.0, 0.5, -10.25]);
-        let (p, q) = (lens.distort([600.0, 50.0]), lens.mapped(&map).distort(map.apply([600.0, 50.0])));
-        let p = map.apply(p);
-        assert!((p[0] - q[0]).hypot(p[1] - q[1]) < 1e-3, "{p:?} {q:?}");
+        let p = map.apply(lens.distort([600.0, 50.0]));
+        for lens in [lens.mapped(&map), lens.within(&map.inverse().unwrap())] {
+            let q = lens.distort(map.apply([600.0, 50.0]));
+            assert!((p[0] - q[0]).hypot(p[1] - q[1]) < 1e-3, "{p:?} {q:?}");
+        }
         assert_eq!(Lens::new([0.0, 1.0, 0.0, 0.0], WIDE), Err(LensError::Numbers));
         assert_eq!(Lens::new([1.0, 1.0, 0.0, f32::NAN], WIDE), Err(LensError::Numbers));
     }

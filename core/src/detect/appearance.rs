@@ -353,7 +353,8 @@ pub(crate) mod tests {
         setup_bent(hide, &|place| place)
     }
 
-    /// The same with a picture that is not flat: `flatten` maps places of the plane to those of the picture.
+    /// Makes the frame of [`setup`] with a picture that is not flat: `flatten` maps places of the plane to those of the
+    /// picture.
     pub(crate) fn setup_bent(hide: bool, flatten: &dyn Fn([f32; 2]) -> [f32; 2]) -> Setup {
         let h = Homography::affine([1.4, 0.3, PLACE[0], -0.3, 1.4, PLACE[1]]);
         let inverse = h.inverse().unwrap();

@@ -7,6 +7,7 @@
 //!
 //! Memory: 4 KB for the cells. Cost: one bilinear sample for each pixel of the level.
 
+use crate::base::geometry::area;
 use crate::base::math;
 use crate::base::pace::Pace;
 use crate::detect::appearance::level_of_area;
@@ -31,6 +32,12 @@ pub(crate) type Grid = [[f32; 2]; POINTS];
 pub(crate) fn corners(cell: usize) -> [usize; 4] {
     let first = cell / CELLS * SIDE + cell % CELLS;
     [first, first + 1, first + SIDE, first + SIDE + 1]
+}
+
+/// Signed area of a cell, square px of the grid.
+pub(crate) fn area_of(cell: usize, grid: &Grid) -> f32 {
+    let [a, b, c, d] = corners(cell).map(|n| grid[n]);
+    area(&[a, b, d, c])
 }
 
 /// A level of the template, divided into cells.
@@ -106,12 +113,11 @@ impl Scene {
         self.pairs.as_flattened_mut().fill(0.0);
         for cell in 0..ALL {
             pace.goes_on();
-            let at = corners(cell).map(|n| grid[n]);
-            let [a, b, c, d] = at;
-            let area = ((d[0] - a[0]) * (c[1] - b[1]) - (d[1] - a[1]) * (c[0] - b[0])).abs() / 2.0;
-            if area.is_finite() {
-                let source = level_of_area(area * level.scale[0][0] * level.scale[1][0]);
-                let at = at.map(|p| into_level(source).apply_affine(p));
+            let px2 = area_of(cell, grid).abs();
+            if px2.is_finite() {
+                let source = level_of_area(px2 * level.scale[0][0] * level.scale[1][0]);
+                let into = into_level(source);
+                let at = corners(cell).map(|n| into.apply_affine(grid[n]));
                 let first = level.block_of(cell);
                 let shade = if anew { &NO_SHADE } else { &self.light[first] };
                 let pairs = &mut self.pairs[first];

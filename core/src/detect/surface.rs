@@ -22,7 +22,7 @@ use crate::base::math;
 use crate::base::pace::Pace;
 use crate::base::sort::sort;
 use crate::detect::bend::{Bend, SHAPE, Sheet, normal};
-use crate::detect::cells::{ALL, CELLS, Grid, Level, POINTS, SIDE, Scene, corners};
+use crate::detect::cells::{ALL, CELLS, Grid, Level, POINTS, SIDE, Scene, area_of, corners};
 use crate::detect::detection::Detection;
 use crate::detect::pose::solve;
 use crate::image::plane::Plane;
@@ -120,13 +120,13 @@ impl Surface {
         self.shape
     }
 
-    /// Direction along which the picture bends, radians from its x axis; and the turn from its middle to `bend::REACH` if the
-    /// curvature were the same everywhere, radians.
+    /// Direction along which the picture bends, radians from its x axis; and the turn from its middle to
+    /// `bend::REACH` if the curvature were the same everywhere, radians.
     pub(crate) const fn direction_and_turn(&self) -> [f32; 2] {
         [self.shape.bend.0[0], self.shape.bend.0[4]]
     }
 
-    /// The same surface with another direction and turn.
+    /// Returns the surface with another direction and turn.
     #[cfg(test)]
     pub(crate) fn with_turn(mut self, direction: f32, turn: f32) -> Self {
         self.shape.bend = Bend::new(direction, [0.0; 3], turn);
@@ -194,6 +194,14 @@ impl Fit<'_> {
         })
     }
 
+    /// The grid in the frame. `None` when a point has no place or a cell is turned over.
+    fn sound_grid(&self) -> Option<Grid> {
+        let grid = self.grid();
+        let side = area_of(ALL / 2 + CELLS / 2, &grid);
+        let is_finite = grid.as_flattened().iter().all(|v| v.is_finite());
+        (is_finite && (0..ALL).all(|cell| area_of(cell, &grid) * side > 0.0)).then_some(grid)
+    }
+
     /// Takes the steps of a stage. Returns the number of cells that agree; `None` when they lead nowhere.
     fn improve(
         &mut self,
@@ -230,8 +238,9 @@ impl Fit<'_> {
     fn step(&mut self, errors: &[[f32; 5]; ALL], level: &Level<'_>, unknowns: usize) -> Option<f32> {
         let mut equations = [[0.0; UNKNOWNS + 1]; UNKNOWNS];
         let sheet = self.bend.sheet();
+        // A plane alone needs no others.
         let mut others = [const { Sheet::FLAT }; SHAPE];
-        for (k, other) in others.iter_mut().enumerate() {
+        for (k, other) in others.iter_mut().enumerate().take(unknowns - 8) {
             let mut bend = self.bend;
             bend.0[k] += STEP;
             other.set(&bend);
@@ -240,7 +249,7 @@ impl Fit<'_> {
         let per_cell = level.scale.map(|[scale, _]| 0.5 / scale);
         for (cell, errors) in errors.iter().enumerate() {
             if let Some(moves) = self.moves(cell, &sheet, &others) {
-                add_equations(&mut equations, &moves, errors, per_cell);
+                add_equations(&mut equations, &moves[..unknowns], errors, per_cell);
             }
         }
         let mean = (0..8).map(|i| equations[i][i]).sum::<f32>() / 8.0;
@@ -294,14 +303,11 @@ impl Fit<'_> {
 /// Adds the errors of a cell to the upper triangle of the normal equations, and to their right side.
 fn add_equations(
     equations: &mut [[f32; UNKNOWNS + 1]; UNKNOWNS],
-    moves: &[[f32; 2]; UNKNOWNS],
-    errors: &[f32; 5],
+    moves: &[[f32; 2]],
+    &[xx, xy, yy, xe, ye]: &[f32; 5],
     [kx, ky]: [f32; 2],
 ) {
-    let [xx, xy, yy, xe, ye] = [kx * kx, kx * ky, ky * ky, kx, ky].map({
-        let mut own = errors.iter();
-        move |k| own.next().copied().unwrap_or(0.0) * k
-    });
+    let [xx, xy, yy, xe, ye] = [xx * kx * kx, xy * kx * ky, yy * ky * ky, xe * kx, ye * ky];
     for (i, p) in moves.iter().enumerate() {
         let by = [xx * p[0] + xy * p[1], xy * p[0] + yy * p[1]];
         for (j, q) in moves.iter().enumerate().skip(i) {
@@ -318,6 +324,14 @@ pub struct Known<'a> {
     pub lens: Option<&'a Lens>,
     /// Whether the object is flat.
     pub is_flat: bool,
+}
+
+impl Known<'_> {
+    /// Whether a surface is looked for: a plane leaves some of the object unexplained, or is seen through a lens.
+    #[must_use]
+    pub fn wants_surface(&self, d: &Detection) -> bool {
+        self.lens.is_some() || !self.is_flat && d.appearance.visible < 1.0 - LEAST_BENT
+    }
 }
 
 /// The camera that is guessed where none is known: the middle of its frame and its focal length, px.
@@ -340,23 +354,20 @@ impl Eye {
     }
 }
 
-/// Whether a surface is looked for: a plane leaves some of the object unexplained.
-pub(crate) fn may_be_bent(d: &Detection) -> bool {
-    d.appearance.visible < 1.0 - LEAST_BENT
-}
-
-/// Fits a surface to a detection in the frame of `view`, from the shape `start` if it is given. Without a lens `None` when a plane explains what is seen as well. `None` also when nothing is seen
-/// through the lens where the object is, and when `pace` says to stop.
+/// Fits a surface to a detection in the frame of `view`, from the shape `start` if it is given. Without a lens it is
+/// `None` when a plane explains what is seen as well. With one it is `None` when nothing is seen through the lens
+/// where the object is. It is `None`, too, when `pace` says to stop.
 pub(crate) fn fit(
     view: &PyramidView<'_>,
     object: &Object<'_>,
     d: &Detection,
-    (Known { lens, is_flat }, start, eye): (Known<'_>, Option<&Shape>, &Eye),
+    (known, start, eye): (Known<'_>, Option<&Shape>, &Eye),
     pace: &mut dyn Pace,
 ) -> Option<Surface> {
-    if view.luma(0).width() == 0 || lens.is_none() && (is_flat || !may_be_bent(d)) {
+    if view.luma(0).width() == 0 || !known.wants_surface(d) {
         return None;
     }
+    let Known { lens, is_flat } = known;
     let [w, h] = [object.width as f32, object.height as f32];
     let side = w.max(h);
     let unit = Homography::affine([side, 0.0, w / 2.0, 0.0, side, h / 2.0]);
@@ -381,28 +392,18 @@ pub(crate) fn fit(
             let fit = if anew { begin((&plane, eye), &mut scene, what, pace) } else { known };
             let Some(mut fit) = fit else { continue };
             let agreeing = fit.improve_by(&mut scene, what, &THIRD, pace);
-            if agreeing.is_some_and(|agreeing| agreeing > times * flat + more) && is_sound(&fit.grid()) {
+            if agreeing.is_some_and(|agreeing| agreeing > times * flat + more)
+                && let Some(points) = fit.sound_grid()
+            {
                 let shape = Shape { bend: fit.bend, to_plane: onto.inverse()?.after(&fit.h).normalised() };
                 let homography = fit.h.after(&unit.inverse()?).normalised();
-                return Some(Surface { points: fit.grid(), is_bent: true, homography, shape });
+                return Some(Surface { points, is_bent: true, homography, shape });
             }
         }
     }
-    if !is_sound(&plane.grid()) {
-        return None;
-    }
+    lens?;
     let homography = plane.h.after(&unit.inverse()?).normalised();
-    lens.map(|_| Surface { points: plane.grid(), is_bent: false, homography, shape: Shape::FLAT })
-}
-
-/// Whether all points have a place, and no cell is turned over.
-fn is_sound(grid: &Grid) -> bool {
-    let twice = |cell: usize| {
-        let [a, b, c, d] = corners(cell).map(|n| grid[n]);
-        (d[0] - a[0]) * (c[1] - b[1]) - (d[1] - a[1]) * (c[0] - b[0])
-    };
-    let sign = twice(ALL / 2 + CELLS / 2);
-    grid.as_flattened().iter().all(|v| v.is_finite()) && (0..ALL).all(|cell| twice(cell) * sign > 0.0)
+    Some(Surface { points: plane.sound_grid()?, is_bent: false, homography, shape: Shape::FLAT })
 }
 
 /// Share of the cells that agree from which on a plane explains what is seen through a lens.
@@ -538,7 +539,7 @@ mod tests {
             let (p, data, h) = setup_bent(hide, &|place| place);
             let o = object(&data);
             let d = found(&p, &o, &h);
-            assert_eq!(may_be_bent(&d), hide, "{:?}", d.appearance);
+            assert_eq!(Known::default().wants_surface(&d), hide, "{:?}", d.appearance);
             assert!(fit(&p.view(), &o, &d, (Known::default(), None, &EYE), &mut Steady).is_none());
         }
     }

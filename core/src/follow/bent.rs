@@ -7,12 +7,12 @@
 
 use heapless::Vec;
 
-use crate::base::capacity::{DETECTIONS, id};
+use crate::base::capacity::DETECTIONS;
 use crate::base::geometry::Homography;
 use crate::detect::buffers::Profile;
 use crate::detect::detector::Detector;
 use crate::detect::observer::{Laps, Observer};
-use crate::detect::surface::{Eye, Known, Shape, Surface, fit, may_be_bent};
+use crate::detect::surface::{Eye, Known, Shape, Surface, fit};
 use crate::follow::instance::{State, Track};
 use crate::follow::sight::part_of;
 use crate::image::frame::{Frame, FrameError};
@@ -37,7 +37,7 @@ struct Shaped {
 /// The shapes of the instances of one [`Tracker`](crate::Tracker).
 #[derive(Debug, Default)]
 pub struct Surfaces {
-    /// Those that were asked for last come last.
+    /// Shapes in the order in which they were asked for, the oldest first.
     shapes: Vec<Shaped, MOST>,
 }
 
@@ -49,8 +49,8 @@ impl Surfaces {
     }
 
     /// The surface on which an instance lies. `frame` is the one that was tracked last; the surface and the lens of
-    /// `known` are in px of it. `None` when the instance is lost, and otherwise as [`Detector::surface`] says. Called for every frame, it starts from the
-    /// shape in the frame before. The part of the frame that shows the instance
+    /// `known` are in px of it. `None` when the instance is lost, and otherwise as [`Detector::surface`] says. Call it
+    /// for every frame: it starts from the shape in the frame before. The part of the frame that shows the instance
     /// becomes the frame of the detector.
     ///
     /// # Errors
@@ -65,10 +65,7 @@ impl Surfaces {
         observer: &mut dyn Observer,
     ) -> Result<Option<Surface>, FrameError> {
         let object = usize::from(track.detection.object);
-        if track.state == State::Lost || object >= model.objects() {
-            return Ok(None);
-        }
-        if known.lens.is_none() && !may_be_bent(&track.detection) {
+        if track.state == State::Lost || object >= model.objects() || !known.wants_surface(&track.detection) {
             return Ok(None);
         }
         let mut shaped = self.take(track.id);
@@ -78,10 +75,10 @@ impl Surfaces {
         if !waits || known.lens.is_some() {
             let part = part_of(core::slice::from_ref(track), frame, model);
             detector.load_luma(frame, part, observer)?;
-            let corner = [part.x, part.y].map(|start| f32::from(id(start)));
-            let to_frame = |sign: f32| Homography::affine([1.0, 0.0, sign * corner[0], 0.0, 1.0, sign * corner[1]]);
-            let within = track.detection.mapped(&to_frame(-1.0));
-            let lens = known.lens.map(|lens| lens.mapped(&to_frame(-1.0)));
+            let to_frame = part.to_frame();
+            let corner = to_frame.apply([0.0; 2]);
+            let within = track.detection.mapped(&Homography::affine([1.0, 0.0, -corner[0], 0.0, 1.0, -corner[1]]));
+            let lens = known.lens.map(|lens| lens.within(&to_frame));
             // While a track waits, its plane alone is laid under the lens.
             let here = Known { lens: lens.as_ref(), is_flat: known.is_flat || waits };
             let eye = Eye::of_frame([frame.width(), frame.height()], corner);
@@ -93,7 +90,7 @@ impl Surfaces {
                 let bent = fitted.as_ref().filter(|s| s.is_bent);
                 shaped = Shaped { shape: bent.map(Surface::shape), wait: RETRY, ..shaped };
             }
-            surface = fitted.map(|s| s.mapped(&to_frame(1.0)));
+            surface = fitted.map(|s| s.mapped(&to_frame));
         }
         // `take` has made room.
         let _ = self.shapes.push(shaped);

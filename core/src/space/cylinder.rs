@@ -5,8 +5,8 @@
 //! `camera`.
 //!
 //! Levenberg and Marquardt's steps move eight numbers (the pose, the curvature, the direction of the axis in
-//! the picture) to the least distance from the surface's grid, from four starts: both poses of the plane that touches
-//! the surface, bent to the camera and away from it.
+//! the picture) to the least distance from the surface's grid, from four starts: both poses of the
+//! surface's plane, bent to the camera and away from it.
 //!
 //! Memory: about 3 KB of stack. Cost: some two million operations.
 
@@ -148,12 +148,12 @@ impl Grid<'_> {
     }
 }
 
-/// The cylinder that a surface lies on, seen by a camera, through `lens` if there is one. The picture has `size_px` (width, height) pixels, and its true width is
-/// `width_mm`.
+/// The cylinder that a surface lies on, seen by a camera, through `lens` if there is one. The picture has `size_px`
+/// (width, height) pixels, and its true width is `width_mm`.
 ///
 /// # Errors
-/// [`CameraError::Size`] when a size is not above zero or not finite. [`CameraError::Homography`] when the plane
-/// that touches the surface has no pose, or a point has no place.
+/// [`CameraError::Size`] when a size is not above zero or not finite. [`CameraError::Homography`] when the
+/// surface's plane has no pose, or a point has no place.
 pub fn cylinder(
     surface: &Surface,
     intrinsics: &Intrinsics,

@@ -266,9 +266,9 @@ fn outcome(
         });
         return Outcome { line, objects: Vec::new() };
     };
-    let poses = space.poses(model, found);
-    let mut line = frame_line(&live.source, captured.number, size, model, found, poses.as_deref());
-    space.draw(&mut line, model, found, poses.as_deref());
+    let places = space.places(model, found);
+    let mut line = frame_line(&live.source, captured.number, size, model, found, places.as_deref());
+    space.draw(&mut line, found, places.as_deref());
     let best = |object: usize| {
         let scores = found.detections.iter().filter(|d| usize::from(d.object) == object).map(|d| d.score);
         scores.reduce(f32::max)

@@ -5,14 +5,14 @@
 //! microseconds for each detection.
 
 use anyhow::{Result, anyhow};
-use keygraph_core::{Intrinsics, Lens, Model, PlanePose};
+use keygraph_core::{Intrinsics, Lens, Model};
 use serde_json::{Value, json};
 
 use crate::input::Picture;
 use crate::lens::Optics;
-use crate::pose::{Calibration, CameraArguments, Steady, Width};
+use crate::pose::{Calibration, CameraArguments, Place, Steady, Width};
 use crate::region::Unsuitable;
-use crate::report::{add_cylinders, rounded};
+use crate::report::rounded;
 use crate::search::Found;
 
 /// The camera and what is known of the objects before it.
@@ -58,22 +58,21 @@ impl Space {
         Ok(self.lens)
     }
 
-    /// The poses of what is found; `None` when none are asked for.
-    pub fn poses(&mut self, model: &Model<'_>, found: &Found) -> Option<Vec<Option<PlanePose>>> {
-        let calibration = self.calibration.as_ref()?.through(self.lens);
-        let mut poses = calibration.poses(model, found);
+    /// Where what is found is; `None` when poses are not asked for.
+    pub fn places(&mut self, model: &Model<'_>, found: &Found) -> Option<Vec<Place>> {
+        let mut places = self.calibration.as_ref()?.through(self.lens).places(model, found);
         if let Some(tracking) = &found.tracking {
-            self.steady.order(tracking.seen.iter().zip(&mut poses).map(|((id, _), pose)| (*id, pose.as_mut())));
+            let seen = tracking.seen.iter().zip(&mut places);
+            self.steady.order(seen.map(|((id, _), place)| (*id, place.pose.as_mut())));
         }
-        Some(poses)
+        Some(places)
     }
 
-    /// Adds the axes of each object to the line of a frame, and the cylinders that objects lie on.
-    pub fn draw(&self, line: &mut Value, model: &Model<'_>, found: &Found, poses: Option<&[Option<PlanePose>]>) {
+    /// Adds the axes of each object to the line of a frame.
+    pub fn draw(&self, line: &mut Value, found: &Found, places: Option<&[Place]>) {
         let Some(calibration) = self.calibration.as_ref().map(|c| c.through(self.lens)) else { return };
-        add_cylinders(line, &calibration.cylinders(model, found));
-        for (i, (d, pose)) in found.detections.iter().zip(poses.unwrap_or_default()).enumerate() {
-            if let Some(pose) = pose {
+        for (i, (d, place)) in found.detections.iter().zip(places.unwrap_or_default()).enumerate() {
+            if let Some(pose) = &place.pose {
                 let axes = calibration.axes(d, pose).map(|p| p.map(|v| rounded(v, 2)));
                 line["detections"][i]["axes"] = json!(axes);
             }

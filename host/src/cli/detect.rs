@@ -209,9 +209,7 @@ pub fn search(bytes: &[u8], paths: &[PathBuf], arguments: &Search) -> Result<Exi
                 }
                 let (source, frame) = (&outcome.source, outcome.frame);
                 let text = if arguments.json {
-                    let mut line = report::frame_line(source, frame, s.size, &model, &s.found, s.poses.as_deref());
-                    report::add_cylinders(&mut line, &s.cylinders);
-                    line.to_string()
+                    report::frame_line(source, frame, s.size, &model, &s.found, s.places.as_deref()).to_string()
                 } else if arguments.csv {
                     report::csv_lines(source, frame, &model, &s.found)
                 } else {
