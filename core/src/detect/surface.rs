@@ -35,7 +35,7 @@ const UNKNOWNS: usize = 8 + SHAPE;
 /// Share of an object that a plane must leave unexplained before a surface is tried.
 const LEAST_BENT: f32 = 0.01;
 /// A surface is taken when this many times as many cells agree as on a plane, and so many more. Of 1,482 flat
-/// objects in rendered and real frames, some of them hidden in part, four gained as much.
+/// objects in rendered and real frames, some of them hidden in part, three gained as much.
 const BETTER: [f32; 2] = [1.12, 3.0];
 
 /// Angle at `bend::REACH` from the middle of the picture in the shapes that the fit starts from, radians.
