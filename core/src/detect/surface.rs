@@ -11,7 +11,7 @@
 //! On*, IJCV 2004). The coarsest level starts from eight shapes: four directions, bent to the camera and away
 //! from it.
 //!
-//! Memory: about 11 KB of stack. Cost: some 160,000 bilinear samples for a surface; none for an object that a
+//! Memory: about 12 KB of stack. Cost: some 160,000 bilinear samples for a surface; none for an object that a
 //! plane explains wholly.
 
 use heapless::Vec;
