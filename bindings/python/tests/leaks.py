@@ -85,22 +85,22 @@ class Rare:
         self.caller.detector.detect(self.caller.frame)._repr_png_()
 
 
-def growth(call: Callable[[], object], calls: int) -> tuple[int, int]:
+def growth(call: Callable[[], object], calls: int, windows: int = 8) -> tuple[int, int]:
     """Bytes that are allocated, and blocks of Python, that `calls` calls leave behind."""
     # What is made once is made here, that of the measuring too.
     for _ in range(50):
         call()
     allocated()
     gc.collect()
-    windows = []
-    for _ in range(2):
+    grown = []
+    for _ in range(windows):
         blocks, before = sys.getallocatedblocks(), allocated()
-        for _ in range(calls // 2):
+        for _ in range(calls):
             call()
         gc.collect()
-        windows.append((allocated() - before, sys.getallocatedblocks() - blocks))
-    # What is left behind by each call is in both halves; what Python keeps for later is in one.
-    return 2 * min(grown for grown, _ in windows), 2 * min(blocks for _, blocks in windows)
+        grown.append((allocated() - before, sys.getallocatedblocks() - blocks))
+    # What is left behind by each call is in every window; what Python keeps for later is in the first few.
+    return min(grown for grown, _ in grown), min(blocks for _, blocks in grown)
 
 
 def main() -> None:
@@ -109,10 +109,10 @@ def main() -> None:
     print(f"{len(caller.detector.detect(caller.frame))} object in a frame of 160x120 px")
     for name, call, times in (("detect and track", caller, calls // 4), ("load and draw", Rare(caller), calls // 500)):
         before = resident()
-        grown, blocks = growth(call, times)
+        grown, blocks = growth(call, times // 8)
         each = 4 if call is caller else 1
         print(
-            f"{name}: {each * times} frames leave {grown} bytes and {blocks} blocks of Python; "
+            f"{name}: {each * (times // 8)} frames leave {grown} bytes and {blocks} blocks of Python; "
             f"the process grew by {(resident() - before) // 1024} KB"
         )
 
