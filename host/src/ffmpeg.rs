@@ -4,14 +4,20 @@
 //! ends. Memory: 4 KB of messages and a pipe. Cost: a process and a thread.
 
 use std::ffi::OsString;
-use std::io::{self, Read};
+use std::io::{self, Read, Write};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::thread::{self, JoinHandle};
+use std::time::Duration;
 
 use anyhow::{Context, Result, anyhow, ensure};
 
-use crate::yuv4mpeg::CROP_TO_EVEN;
+use crate::content::{is_stdin, is_url, scheme};
+
+/// Filter of ffmpeg that drops the last column or row of an odd size, which 4:2:0 cannot
+/// halve.
+pub(crate) const CROP_TO_EVEN: &str = "crop=trunc(iw/2)*2:trunc(ih/2)*2";
 
 /// Maximum of bytes of ffmpeg's messages that are kept for an error.
 const MAX_MESSAGE_BYTES: usize = 4096;
@@ -25,21 +31,121 @@ const FORMATS: &str = "3gp,apng,asf,avi,avs2,avs3,av1,bmp_pipe,dv,flv,gif,gxf,h2
                        matroska,mjpeg,mov,mp4,mpeg,mpegts,mpegvideo,mxf,nut,obu,ogg,rm,tiff_pipe,vc1,webm,\
                        webp_pipe,wtv,yuv4mpegpipe";
 
+/// What an address may give besides: the stream of a camera, a picture, and a stream in pieces (HLS). The
+/// protocols keep its pieces from being files of this machine.
+const REMOTE_FORMATS: &str = "aac,hls,image2,jpeg_pipe,mp3,mpjpeg,png_pipe,rtp,rtsp,sdp";
+
+/// Protocols by which a stream at an address may come.
+const PROTOCOLS: &str = "rtp,rtsp,rtsps,srtp,udp,tcp,tls,http,https,httpproxy,crypto";
+
 /// What ffmpeg says of another format.
 const NOT_LISTED: &str = "not on whitelist";
 
-/// Arguments that decode the video `path` to a YUV4MPEG2 stream on standard output.
+/// Time without a byte after which a stream at an address counts as broken off.
+const MOST_SILENCE: Duration = Duration::from_secs(15);
+
+/// Arguments that decode the video `path`, an address, or `-`, to a YUV4MPEG2 stream on standard output.
 pub(crate) fn decoding_arguments(path: &Path) -> Vec<OsString> {
-    // A file that names others must not reach into the network, nor to the files of this machine.
-    let limits = ["-protocol_whitelist", "file", "-format_whitelist", FORMATS, "-i"];
-    let mut arguments = limits.map(OsString::from).to_vec();
-    arguments.push(file_argument(path));
+    let mut arguments = input_arguments(path);
     let output = ["-an", "-sn", "-dn", "-vf", CROP_TO_EVEN]
         .into_iter()
         .chain(["-f", "yuv4mpegpipe", "-pix_fmt", "yuv420p", "-strict", "-1"])
         .chain(["-"]);
     arguments.extend(output.map(OsString::from));
     arguments
+}
+
+/// Arguments that decode the picture `path` to a PNG on standard output.
+pub(crate) fn picture_arguments(path: &Path) -> Vec<OsString> {
+    let mut arguments = input_arguments(path);
+    arguments.extend(["-frames:v", "1", "-f", "image2pipe", "-c:v", "png", "-"].map(OsString::from));
+    arguments
+}
+
+/// Arguments that read `path`, and nothing that it may name.
+fn input_arguments(path: &Path) -> Vec<OsString> {
+    let mut arguments = Vec::new();
+    let mut add = |more: &[&str]| arguments.extend(more.iter().map(OsString::from));
+    // A file that names others must not reach into the network, nor to the files of this machine.
+    if is_url(path) {
+        add(&["-protocol_whitelist", PROTOCOLS, "-format_whitelist", &format!("{FORMATS},{REMOTE_FORMATS}")]);
+        if scheme(path).is_some_and(|s| s.to_ascii_lowercase().starts_with("rtsp")) {
+            // Datagrams get lost; what a camera cannot send otherwise still comes so.
+            add(&["-rtsp_flags", "prefer_tcp"]);
+        } else {
+            add(&["-reconnect", "1", "-reconnect_streamed", "1", "-reconnect_delay_max", "5"]);
+        }
+        add(&["-i"]);
+        arguments.push(path.into());
+    } else if is_stdin(path) {
+        add(&[
+            "-protocol_whitelist",
+            "pipe",
+            "-format_whitelist",
+            &format!("{FORMATS},jpeg_pipe,png_pipe"),
+            "-i",
+            "pipe:0",
+        ]);
+    } else {
+        add(&["-protocol_whitelist", "file", "-format_whitelist", FORMATS, "-i"]);
+        arguments.push(file_argument(path));
+    }
+    arguments
+}
+
+/// Whether there is an ffmpeg that can be started.
+#[cfg(feature = "live")]
+pub(crate) fn is_there() -> bool {
+    let mut ffmpeg = Command::new("ffmpeg");
+    ffmpeg.arg("-version").stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+    ffmpeg.status().is_ok_and(|status| status.success())
+}
+
+/// Writes all of `from` to a child process, in a thread. Ends when either ends.
+pub(crate) fn pump(mut from: impl Read + Send + 'static, mut to: impl Write + Send + 'static) {
+    // An error says that the process has ended, and its own message says why.
+    thread::spawn(move || io::copy(&mut from, &mut to));
+}
+
+/// A stream that ends with an error when nothing comes for too long.
+pub(crate) struct Patient {
+    chunks: Receiver<Vec<u8>>,
+    rest: io::Cursor<Vec<u8>>,
+}
+
+impl Patient {
+    pub(crate) fn new(mut stream: impl Read + Send + 'static) -> Self {
+        // One chunk more than the pipe holds.
+        let (send, chunks) = sync_channel(1);
+        thread::spawn(move || {
+            let mut chunk = vec![0; 1 << 16];
+            while let Ok(n @ 1..) = stream.read(&mut chunk) {
+                if send.send(chunk[..n].to_vec()).is_err() {
+                    break;
+                }
+            }
+        });
+        Self { chunks, rest: io::Cursor::default() }
+    }
+}
+
+impl Read for Patient {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        loop {
+            let n = self.rest.read(buffer)?;
+            if n > 0 || buffer.is_empty() {
+                return Ok(n);
+            }
+            match self.chunks.recv_timeout(MOST_SILENCE) {
+                Ok(chunk) => self.rest = io::Cursor::new(chunk),
+                Err(RecvTimeoutError::Disconnected) => return Ok(0),
+                Err(RecvTimeoutError::Timeout) => {
+                    let message = format!("nothing came for {} seconds", MOST_SILENCE.as_secs());
+                    return Err(io::Error::new(io::ErrorKind::TimedOut, message));
+                }
+            }
+        }
+    }
 }
 
 /// `path` as an argument. Without `file:`, ffmpeg would take a name such as `a:b.mp4` for

@@ -1,33 +1,24 @@
 //! Pictures, folders, videos and streams as one sequence of frames.
 //!
-//! In: the INPUT arguments of the command line. Each is a PNG or JPEG picture, a folder of
-//! pictures, a video file, or `-` for a YUV4MPEG2 stream on standard input. Out: an
+//! In: the INPUT arguments of the command line. Each is a picture, a folder of pictures and videos, a video file,
+//! an address such as `rtsp://camera/stream`, or `-` for standard input. Out: an
 //! iterator of [`SourceFrame`]: the input's name, the index of the frame in it, and either
 //! a [`Picture`] or an error. An input that cannot be read does not stop the inputs after
 //! it.
 //!
-//! The first bytes of a file decide whether it is a PNG, a JPEG or a YUV4MPEG2 stream. For
-//! other files the extension decides. All but pictures go to an `ffmpeg` child process. It
-//! returns YUV4MPEG2 with 8-bit 4:2:0 samples at a constant frame rate, turned as the
-//! video's rotation says.
-//!
 //! Memory: one frame, or one picture and its file, at a time. Cost: decoding.
 
 use std::collections::VecDeque;
-use std::fmt;
-use std::fs::{self, File};
-use std::io::{self, Read};
+use std::fs;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, anyhow, ensure};
+use anyhow::{Context, Result, anyhow, bail, ensure};
 
-use crate::ffmpeg::{Ffmpeg, decoding_arguments};
-use crate::picture::EXTENSIONS;
+use crate::content::{is_named_picture, is_named_video, scheme};
+pub use crate::content::{is_stdin, is_url, is_video, shown};
 pub use crate::picture::{Picture, Pixels, read_picture};
-use crate::yuv4mpeg::{UNKNOWN_FPS, YUV4MPEG2_MAGIC, Yuv4MpegReader};
-
-const VIDEO_EXTENSIONS: [&str; 16] =
-    ["mp4", "m4v", "avi", "mkv", "mov", "webm", "mpg", "mpeg", "ogv", "y4m", "wmv", "flv", "ts", "mts", "3gp", "gif"];
+use crate::stream::Stream;
+use crate::yuv4mpeg::UNKNOWN_FPS;
 
 /// The kind of input that a frame is from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -50,6 +41,8 @@ pub struct SourceFrame {
     pub frame: u64,
     /// Picture or video.
     pub kind: Kind,
+    /// Whether frames have their own pace: those of an address, or of a stream without a rate.
+    pub live: bool,
     /// The picture, or why it could not be read.
     pub picture: Result<Picture>,
 }
@@ -79,24 +72,46 @@ impl Pending {
         let (source, frame, kind) = self.place();
         match self {
             Self::Frame(frame) => frame,
-            Self::Still(path) => SourceFrame { source, frame, kind, picture: read_picture(&path) },
+            Self::Still(path) => SourceFrame { source, frame, kind, live: false, picture: read_picture(&path) },
         }
     }
 }
 
 // ---------------------------------------------------------------- the inputs
 
+/// How inputs are listed and read.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Reading {
+    /// Folders in folders are read too.
+    pub recursive: bool,
+    /// A camera at an `rtsp` address that breaks off is called again, for as long as it takes.
+    pub reconnect: bool,
+}
+
 /// All frames of all inputs, in the order given.
 ///
 /// A picture yields one item. A video yields one item a frame, and one more with an error
 /// when it breaks off, when ffmpeg reported an error, or when it has no frames. A path that
-/// does not exist and a folder without pictures yield an error at their place in the order.
+/// does not exist and a folder without pictures and videos yield an error at their place in the order.
 #[derive(Debug)]
 pub struct Source {
     waiting: VecDeque<Input>,
     /// The video that is being read.
-    video: Option<Video>,
+    video: Option<(String, Stream)>,
     len: Option<u64>,
+    left_out: Vec<LeftOut>,
+    reading: Reading,
+}
+
+/// What of a folder is not read.
+#[derive(Debug)]
+pub struct LeftOut {
+    /// The folder.
+    pub folder: PathBuf,
+    /// Files that are neither pictures nor videos, by their names.
+    pub files: Vec<PathBuf>,
+    /// Number of folders in it.
+    pub folders: usize,
 }
 
 #[derive(Debug)]
@@ -112,21 +127,29 @@ impl Source {
     /// # Errors
     /// When `inputs` is empty; never else.
     pub fn open(inputs: &[PathBuf]) -> Result<Self> {
-        ensure!(!inputs.is_empty(), "no input: give a picture, a folder of pictures, a video, or - for standard input");
-        let mut waiting = VecDeque::new();
+        Self::open_as(inputs, Reading::default())
+    }
+
+    /// As [`Source::open`], with a choice of how inputs are read.
+    ///
+    /// # Errors
+    /// When `inputs` is empty; never else.
+    pub fn open_as(inputs: &[PathBuf], reading: Reading) -> Result<Self> {
+        ensure!(!inputs.is_empty(), "no input: give a picture, a folder, a video, an address, or - for standard input");
+        let (mut waiting, mut left_out) = (VecDeque::new(), Vec::new());
         for path in inputs {
             if !path.is_dir() {
                 waiting.push_back(classify(path));
                 continue;
             }
-            match pictures_in(path) {
-                Ok(pictures) => waiting.extend(pictures.into_iter().map(Input::Still)),
+            match files_in(path, reading.recursive, &mut left_out) {
+                Ok(files) => waiting.extend(files),
                 Err(error) => waiting.push_back(Input::Unreadable(path.clone(), error)),
             }
         }
         let any_video = waiting.iter().any(|i| matches!(i, Input::Video(_)));
         let len = (!any_video).then_some(waiting.len() as u64);
-        Ok(Self { waiting, video: None, len })
+        Ok(Self { waiting, video: None, len, left_out, reading })
     }
 
     /// The number of items; `None` when there is a video among the inputs.
@@ -135,28 +158,36 @@ impl Source {
         self.len
     }
 
+    /// What of the folders is not read.
+    #[must_use]
+    pub fn left_out(&self) -> &[LeftOut] {
+        &self.left_out
+    }
+
     /// The next frame. A picture is not decoded: [`Pending::read`] does that.
     pub fn next_pending(&mut self) -> Option<Pending> {
         loop {
-            if let Some(video) = &mut self.video {
-                if let Some(frame) = video.next() {
-                    return Some(Pending::Frame(frame));
+            if let Some((source, video)) = &mut self.video {
+                if let Some((frame, picture)) = video.next() {
+                    let kind = if video.still { Kind::Still } else { Kind::Video { fps: video.fps() } };
+                    let (source, live) = (source.clone(), video.live);
+                    return Some(Pending::Frame(SourceFrame { source, frame, kind, live, picture }));
                 }
                 self.video = None;
             }
             let (path, kind, picture) = match self.waiting.pop_front()? {
                 Input::Still(path) => return Some(Pending::Still(path)),
                 Input::Unreadable(path, error) => (path, Kind::Still, Err(error)),
-                Input::Video(path) => match Video::open(&path) {
+                Input::Video(path) => match Stream::open(&path, self.reading.reconnect) {
                     Ok(video) => {
-                        self.video = Some(video);
+                        self.video = Some((shown(&path), video));
                         continue;
                     }
                     Err(error) => (path, Kind::Video { fps: UNKNOWN_FPS }, Err(error)),
                 },
             };
-            let source = path.display().to_string();
-            return Some(Pending::Frame(SourceFrame { source, frame: 0, kind, picture }));
+            let source = shown(&path);
+            return Some(Pending::Frame(SourceFrame { source, frame: 0, kind, live: false, picture }));
         }
     }
 }
@@ -169,173 +200,60 @@ impl Iterator for Source {
     }
 }
 
-/// Whether a path is read as a video: `-`, a file that starts like a YUV4MPEG2 stream, a
-/// name with a video's extension, and a file that exists and has no extension of a
-/// picture.
-#[must_use]
-pub fn is_video(path: &Path) -> bool {
-    if is_stdin(path) {
-        return true;
-    }
-    match Content::of(path) {
-        Content::Picture => false,
-        Content::Yuv4Mpeg => true,
-        Content::Other => {
-            has_extension(path, &VIDEO_EXTENSIONS)
-                || (!has_extension(path, &EXTENSIONS) && path.exists() && !path.is_dir())
-        }
-    }
-}
-
 fn classify(path: &Path) -> Input {
     let path = path.to_path_buf();
-    if !is_stdin(&path) && !path.exists() {
-        let error = anyhow!("{}: no such file or folder", path.display());
-        Input::Unreadable(path, error)
-    } else if is_video(&path) {
-        Input::Video(path)
-    } else {
-        Input::Still(path)
-    }
-}
-
-fn is_stdin(path: &Path) -> bool {
-    path.as_os_str() == "-"
-}
-
-fn has_extension(path: &Path, extensions: &[&str]) -> bool {
-    path.extension()
-        .and_then(|extension| extension.to_str())
-        .is_some_and(|extension| extensions.iter().any(|e| e.eq_ignore_ascii_case(extension)))
-}
-
-/// The pictures directly inside a folder, sorted by name, without hidden files.
-fn pictures_in(folder: &Path) -> Result<Vec<PathBuf>> {
-    let unreadable = || format!("cannot list the folder {}", folder.display());
-    let mut pictures = Vec::new();
-    for entry in fs::read_dir(folder).with_context(unreadable)? {
-        let path = entry.with_context(unreadable)?.path();
-        let hidden = path.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b"."));
-        // A pipe or a device could make the search wait for ever. A broken link is reported later.
-        let other = fs::metadata(&path).is_ok_and(|found| !found.is_file());
-        if !hidden && has_extension(&path, &EXTENSIONS) && !other {
-            pictures.push(path);
+    match scheme(&path) {
+        Some(scheme) if !is_url(&path) && !path.exists() => {
+            let error = anyhow!("{}: addresses start with rtsp, rtsps, http or https, not {scheme}", path.display());
+            Input::Unreadable(path, error)
         }
-    }
-    ensure!(!pictures.is_empty(), "the folder {} has no PNG or JPEG pictures in it", folder.display());
-    pictures.sort();
-    Ok(pictures)
-}
-
-/// The content of a file by its first bytes.
-enum Content {
-    Picture,
-    Yuv4Mpeg,
-    Other,
-}
-
-impl Content {
-    /// Reads the first bytes of a plain file. Anything else is `Other`: reading from a pipe
-    /// would take its first bytes away.
-    fn of(path: &Path) -> Self {
-        let mut start = Vec::new();
-        if path.is_file()
-            && let Ok(file) = File::open(path)
-            && file.take(16).read_to_end(&mut start).is_ok()
-        {
-            if start.starts_with(YUV4MPEG2_MAGIC) {
-                return Self::Yuv4Mpeg;
-            }
-            if start.starts_with(b"\x89PNG\r\n\x1a\n") || start.starts_with(b"\xff\xd8\xff") {
-                return Self::Picture;
-            }
+        _ if !is_stdin(&path) && !is_url(&path) && !path.exists() => {
+            let error = anyhow!("{}: no such file or folder", path.display());
+            Input::Unreadable(path, error)
         }
-        Self::Other
+        _ if is_video(&path) => Input::Video(path),
+        _ => Input::Still(path),
     }
 }
 
-// -------------------------------------------------------------------- videos
-
-/// A video that is being read, directly or through ffmpeg.
-struct Video {
-    source: String,
-    next_frame: u64,
-    fps: (u32, u32),
-    /// `None` after the last frame.
-    frames: Option<Yuv4MpegReader<Box<dyn Read + Send>>>,
-    ffmpeg: Option<Ffmpeg>,
-}
-
-impl fmt::Debug for Video {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Video")
-            .field("source", &self.source)
-            .field("next_frame", &self.next_frame)
-            .finish_non_exhaustive()
-    }
-}
-
-impl Video {
-    fn open(path: &Path) -> Result<Self> {
-        let source = path.display().to_string();
-        let (stream, ffmpeg): (Box<dyn Read + Send>, _) = if is_stdin(path) {
-            (Box::new(io::stdin()), None)
-        } else if let Content::Yuv4Mpeg = Content::of(path) {
-            let file = File::open(path).with_context(|| format!("cannot open {source}"))?;
-            (Box::new(file), None)
-        } else {
-            let mut ffmpeg = Ffmpeg::start(&decoding_arguments(path))?;
-            let output = ffmpeg.child.stdout.take().context("ffmpeg has no output")?;
-            (Box::new(output), Some(ffmpeg))
-        };
-        match Yuv4MpegReader::new(stream) {
-            Ok(frames) => Ok(Self { source, next_frame: 0, fps: frames.fps, frames: Some(frames), ffmpeg }),
-            // Without a header, ffmpeg's message says more than ours.
-            Err(error) => {
-                if let Some(ffmpeg) = ffmpeg {
-                    ffmpeg.finish().with_context(|| source.clone())?;
+/// The pictures and videos of a folder, sorted by path, without hidden files. What is neither is put into `left_out`.
+fn files_in(folder: &Path, recursive: bool, left_out: &mut Vec<LeftOut>) -> Result<Vec<Input>> {
+    let mut files = Vec::new();
+    let mut waiting = vec![folder.to_path_buf()];
+    while let Some(folder) = waiting.pop() {
+        let unreadable = || format!("cannot list the folder {}", folder.display());
+        let mut left = LeftOut { folder: folder.clone(), files: Vec::new(), folders: 0 };
+        for entry in fs::read_dir(&folder).with_context(unreadable)? {
+            let entry = entry.with_context(unreadable)?;
+            let path = entry.path();
+            if entry.file_name().as_encoded_bytes().starts_with(b".") {
+                continue;
+            }
+            if path.is_dir() {
+                // A link to a folder could lead back to this one.
+                match recursive && entry.file_type().is_ok_and(|kind| kind.is_dir()) {
+                    true => waiting.push(path),
+                    false => left.folders += 1,
                 }
-                let name = if is_stdin(path) { "standard input" } else { &source };
-                Err(error.context(name.to_string()))
+            } else if (is_named_picture(&path) || is_named_video(&path))
+                // A pipe or a device could make the search wait for ever. A broken link is reported later.
+                && !fs::metadata(&path).is_ok_and(|found| !found.is_file())
+            {
+                files.push(path);
+            } else {
+                left.files.push(path);
             }
         }
+        left.files.sort();
+        if left.folders > 0 || !left.files.is_empty() {
+            left_out.push(left);
+        }
     }
-
-    /// Reads the next frame. After the last frame, checks whether ffmpeg reported errors.
-    fn next_picture(&mut self) -> Option<Result<Picture>> {
-        let error = match self.frames.as_mut()?.next_frame() {
-            Ok(Some(picture)) => return Some(Ok(picture)),
-            Ok(None) if self.next_frame == 0 => Some(anyhow!("the video has no frames")),
-            Ok(None) => None,
-            Err(error) => Some(error),
-        };
-        // The pipe is closed before the wait: ffmpeg may still want to write.
-        self.frames = None;
-        let complaint = match self.ffmpeg.take().map(Ffmpeg::finish) {
-            Some(Ok(messages)) if !messages.is_empty() => {
-                Some(anyhow!("frames may be missing or damaged, ffmpeg says: {messages}"))
-            }
-            Some(Err(error)) => Some(error),
-            _ => None,
-        };
-        complaint.or(error).map(Err)
+    if files.is_empty() {
+        bail!("the folder {} has no pictures and no videos in it", folder.display());
     }
-}
-
-impl Iterator for Video {
-    type Item = SourceFrame;
-
-    fn next(&mut self) -> Option<SourceFrame> {
-        let picture = self.next_picture()?;
-        let frame = self.next_frame;
-        self.next_frame += 1;
-        Some(SourceFrame {
-            source: self.source.clone(),
-            frame,
-            kind: Kind::Video { fps: self.fps },
-            picture: picture.with_context(|| format!("{}, frame {frame}", self.source)),
-        })
-    }
+    files.sort();
+    Ok(files.into_iter().map(|path| if is_video(&path) { Input::Video(path) } else { Input::Still(path) }).collect())
 }
 
 #[cfg(test)]
@@ -378,7 +296,7 @@ mod tests {
         let source = Source::open(&inputs).expect("opens");
         assert_eq!(source.len_hint(), Some(4));
         let messages: Vec<_> = source.map(|f| message(f.picture)).collect();
-        let expected = ["no such file or folder", "has no PNG or JPEG", "is not a PNG", "no error"];
+        let expected = ["no such file or folder", "has no pictures and no videos", "is not a PNG", "no error"];
         assert_eq!(messages.len(), 4);
         for (message, part) in messages.iter().zip(expected) {
             assert!(message.contains(part), "{part:?} is not in {message:?}");
@@ -388,23 +306,6 @@ mod tests {
     #[test]
     fn no_inputs_is_an_error() {
         assert_says(Source::open(&[]), "no input");
-    }
-
-    #[test]
-    fn videos_are_told_from_pictures() {
-        let folder = Folder::new("told");
-        let other = folder.0.join("clip.xyz");
-        fs::write(&other, "?").expect("writes");
-        for (path, expected) in [
-            (Path::new("-"), true),
-            (Path::new("not-there.MP4"), true),
-            (Path::new("not-there.jpg"), false),
-            (Path::new("not-there"), false),
-            (&folder.0, false),
-            (&other, true),
-        ] {
-            assert_eq!(is_video(path), expected, "{}", path.display());
-        }
     }
 
     // YUV4MPEG2

@@ -4,8 +4,10 @@
 //! A file uses only files above it:
 //!
 //! - [`mod@file`]: which names stand for one file, and how a whole file is read
-//! - [`picture`], [`yuv4mpeg`]: pixels, and the files and streams that hold them
+//! - `content`: what a file holds, by its first bytes and its name
 //! - `ffmpeg`: the child process that decodes and encodes videos
+//! - [`picture`], [`yuv4mpeg`], `pictures`: pixels, and the files and streams that hold them
+//! - `stream`: a video, an address or standard input as frames
 //! - [`input`]: pictures, folders, videos and streams as one sequence of frames
 //! - [`output`]: lines on standard output, and files: whole, or as they were
 //! - [`canvas`], [`annotate`], [`video`], [`progress`]: what is drawn, written and shown
@@ -37,9 +39,12 @@
 //! - [`demo`]: the whole path on the pictures of the repository
 
 pub mod file;
+mod content;
+mod ffmpeg;
 pub mod picture;
 pub mod yuv4mpeg;
-mod ffmpeg;
+mod pictures;
+mod stream;
 pub mod input;
 pub mod output;
 pub mod canvas;

@@ -1,10 +1,11 @@
 //! A picture, and how it is read from a file.
 //!
-//! In: a PNG or JPEG file. Out: its pixels, upright, 8 bits a sample, gray or RGB.
+//! In: a PNG, JPEG, WebP, BMP, TIFF or GIF file, or an AVIF or HEIC file by way of ffmpeg. Out: its pixels, upright,
+//! 8 bits a sample, gray or RGB. Of several pictures in a file the first is read.
 //! Memory: the file and the decoded picture. A picture that would need too much is refused
 //! before it is decoded.
 
-use std::io::{self, Cursor};
+use std::io::{self, Cursor, Read};
 use std::path::Path;
 use std::str::FromStr;
 
@@ -17,6 +18,8 @@ const MOST_PIXELS: u64 = 100_000_000;
 /// and opacity. A picture of 16 bits a sample can have half of the pixels.
 const PIXEL_BYTES: u64 = 4;
 
+use crate::content::Content;
+use crate::ffmpeg::{Ffmpeg, picture_arguments};
 use crate::file::read_whole;
 
 /// Pixels in rows from the top, without padding.
@@ -138,7 +141,7 @@ pub struct Framed {
     pub transparent: bool,
 }
 
-/// Extensions of the pictures that can be read and written.
+/// Extensions of the pictures that can be written.
 pub const EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
 
 /// The extension of a path in small letters; empty when it has none.
@@ -147,17 +150,17 @@ pub fn extension(path: &Path) -> String {
     path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default()
 }
 
-/// Decodes a PNG or JPEG file. The picture is turned upright as its EXIF orientation
+/// Decodes the file of a picture. The picture is turned upright as its EXIF orientation
 /// says, mixed with white where it is transparent, and has 8 bits a sample.
 ///
 /// # Errors
-/// When the file is missing, not a PNG or JPEG picture, damaged or cut off. The message
+/// When the file is missing, no picture that can be read, damaged or cut off. The message
 /// names the path.
 pub fn read_picture(path: &Path) -> Result<Picture> {
     Ok(flatten_onto_white(open_upright(path)?).0)
 }
 
-/// Reads the part `crop` (px of the upright picture) of a PNG or JPEG file. Without
+/// Reads the part `crop` (px of the upright picture) of a picture's file. Without
 /// `crop`, reads the smallest part that holds all pixels that are at least half opaque.
 ///
 /// # Errors
@@ -218,7 +221,7 @@ fn opaque_part(image: &DynamicImage) -> Option<Part> {
     bounds.map(|(x, y, right, bottom)| Part { x, y, width: right - x + 1, height: bottom - y + 1 })
 }
 
-/// Decodes a PNG or JPEG file and turns it upright.
+/// Decodes the file of a picture and turns it upright.
 fn open_upright(path: &Path) -> Result<DynamicImage> {
     let name = path.display();
     let bytes = read_whole(path).map_err(|error| match error.kind() {
@@ -226,7 +229,29 @@ fn open_upright(path: &Path) -> Result<DynamicImage> {
         // The cause stays: it may be one that passes.
         _ => anyhow::Error::new(error).context(format!("{name}: cannot be read")),
     })?;
-    decode_upright(&bytes, MOST_PIXELS).with_context(|| name.to_string())
+    let foreign = || decode_upright(&by_ffmpeg(path)?, MOST_PIXELS);
+    let decoded = match Content::told_by(&bytes) {
+        Content::Foreign => foreign(),
+        // TIFF has more kinds than one decoder knows.
+        Content::Picture if bytes.starts_with(b"II") || bytes.starts_with(b"MM") => {
+            decode_upright(&bytes, MOST_PIXELS).or_else(|error| foreign().map_err(|_| error))
+        }
+        _ => decode_upright(&bytes, MOST_PIXELS),
+    };
+    decoded.with_context(|| name.to_string())
+}
+
+/// A picture that ffmpeg decodes, as a PNG.
+pub(crate) fn by_ffmpeg(path: &Path) -> Result<Vec<u8>> {
+    let mut png = Vec::new();
+    let mut ffmpeg = Ffmpeg::start(&picture_arguments(path)).context("AVIF and HEIC pictures are read by ffmpeg")?;
+    if let Some(output) = ffmpeg.child.stdout.take() {
+        output.take(MOST_PIXELS * PIXEL_BYTES).read_to_end(&mut png).context("cannot read what ffmpeg decodes")?;
+    }
+    let old = "this ffmpeg may not know the format: AVIF needs ffmpeg 5.1, HEIC 7.1; or convert it to PNG or JPEG";
+    ffmpeg.finish().context(old)?;
+    ensure!(!png.is_empty(), old);
+    Ok(png)
 }
 
 /// Decodes a JPEG of at most `most` pixels, as it is: not turned.
@@ -262,10 +287,10 @@ fn check_size(decoder: &impl ImageDecoder, most: u64) -> Result<()> {
     Ok(())
 }
 
-/// Decodes the bytes of a PNG or JPEG file. The flag is true when any pixel was not fully opaque.
+/// Decodes the bytes of a picture's file. The flag is true when any pixel was not fully opaque.
 ///
 /// # Errors
-/// When the bytes are not a PNG or JPEG picture, too large, damaged or cut off.
+/// When the bytes are no PNG, JPEG, WebP, BMP, TIFF or GIF picture, too large, damaged or cut off.
 pub fn decode(bytes: &[u8]) -> Result<(Picture, bool)> {
     decode_upright(bytes, MOST_PIXELS).map(flatten_onto_white)
 }
@@ -273,11 +298,11 @@ pub fn decode(bytes: &[u8]) -> Result<(Picture, bool)> {
 fn decode_upright(bytes: &[u8], most: u64) -> Result<DynamicImage> {
     let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().context("cannot be read")?;
     match reader.format() {
-        Some(ImageFormat::Png) => {}
+        Some(ImageFormat::Png | ImageFormat::WebP | ImageFormat::Bmp | ImageFormat::Tiff | ImageFormat::Gif) => {}
         // The decoder fills the rest of a JPEG that is cut off with grey, without an error.
         Some(ImageFormat::Jpeg) => ensure!(jpeg_is_complete(bytes), "the JPEG picture is cut off before its end"),
         _ if bytes.is_empty() => bail!("the file is empty"),
-        _ => bail!("is not a PNG or JPEG picture"),
+        _ => bail!("is not a PNG, JPEG, WebP, BMP, TIFF or GIF picture"),
     }
     let damaged = "the picture cannot be decoded; it may be damaged or cut off";
     reader.limits(limits(most));
@@ -366,7 +391,7 @@ pub(crate) mod tests {
         file
     }
 
-    fn jpeg(side: u32) -> Vec<u8> {
+    pub(crate) fn jpeg(side: u32) -> Vec<u8> {
         let samples: Vec<u8> = (0..side * side * 3).map(|i| (i * 7 % 251) as u8).collect();
         let mut file = Vec::new();
         JpegEncoder::new(&mut file).encode(&samples, side, side, ExtendedColorType::Rgb8).expect("encodes");
@@ -380,6 +405,19 @@ pub(crate) mod tests {
         assert_eq!((gray.width, gray.height), (2, 2));
         let (rgb, _) = decode(&png(1, &[1, 2, 3], ExtendedColorType::Rgb8)).expect("rgb");
         assert_eq!(rgb.pixels, Pixels::Rgb8(vec![1, 2, 3]));
+    }
+
+    #[test]
+    fn every_format_is_read() {
+        let samples: Vec<u8> = (0..48).map(|i| i * 5).collect();
+        let image = image::RgbImage::from_raw(4, 4, samples.clone()).expect("16 pixels");
+        for format in [ImageFormat::Png, ImageFormat::WebP, ImageFormat::Bmp, ImageFormat::Tiff, ImageFormat::Gif] {
+            let mut file = Cursor::new(Vec::new());
+            image.write_to(&mut file, format).expect("encodes");
+            let (picture, transparent) = decode(&file.into_inner()).expect("decodes");
+            // 16 colours fit a palette.
+            assert_eq!((picture.pixels, transparent), (Pixels::Rgb8(samples.clone()), false), "{format:?}");
+        }
     }
 
     #[test]
@@ -495,7 +533,7 @@ pub(crate) mod tests {
     fn a_cut_png_and_what_is_no_picture_are_refused() {
         let whole = png(20, &[7; 400], ExtendedColorType::L8);
         assert_says(decode(&whole[..whole.len() / 2]), "cut off");
-        assert_says(decode(b"hello"), "is not a PNG or JPEG picture");
+        assert_says(decode(b"hello"), "is not a PNG, JPEG");
         assert_says(decode(b""), "the file is empty");
         assert_says(read_picture(Path::new("/no/such.png")), "/no/such.png: no such file");
     }

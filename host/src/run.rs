@@ -183,7 +183,7 @@ fn search_one(
     slot: usize,
     trail: Option<&mut Trail<Sequence>>,
 ) -> Outcome {
-    let SourceFrame { source, frame, kind, picture } = frame;
+    let SourceFrame { source, frame, kind, picture, .. } = frame;
     let result = picture.and_then(|p| {
         let lens = options.optics.map(|o| o.of_size(p.width, p.height)).transpose().with_context(|| source.clone())?;
         let request = Request { details: options.annotate, lens, ..options.request };

@@ -13,10 +13,9 @@ use std::process::ChildStdin;
 use anyhow::{Context, Result, anyhow, bail, ensure};
 
 use crate::canvas::Canvas;
-use crate::ffmpeg::{Ffmpeg, file_argument};
+use crate::ffmpeg::{CROP_TO_EVEN, Ffmpeg, file_argument};
 use crate::output::Draft;
 use crate::picture::extension;
-use crate::yuv4mpeg::CROP_TO_EVEN;
 
 /// A video that is being written. When it is dropped before
 /// [`finish`](Self::finish), ffmpeg is stopped and nothing is left of the file.

@@ -10,10 +10,29 @@ use keygraph_core::{Detection, FeatureKind, Model, Trained};
 
 use crate::assess::Assessment;
 use crate::bench::Bench;
+use crate::input::LeftOut;
 use crate::output::plain;
 use crate::pose::Place;
 use crate::run::Searched;
 use crate::sweep::{Cell, frames};
+
+/// What of a folder is not read, with the names of the first three files.
+#[must_use]
+pub fn left_out(left: &LeftOut) -> String {
+    let counted = |n: usize, what: &str| format!("{n} {what}{}", if n == 1 { "" } else { "s" });
+    let names = left.files.iter().filter_map(|p| Some(p.file_name()?.to_string_lossy().into_owned()));
+    let mut parts = Vec::new();
+    if !left.files.is_empty() {
+        let more = if left.files.len() > 3 { ", ..." } else { "" };
+        let names = names.take(3).collect::<Vec<_>>().join(", ");
+        let number = counted(left.files.len(), "file");
+        parts.push(format!("{number} without the name of a picture or a video ({names}{more})"));
+    }
+    if left.folders > 0 {
+        parts.push(format!("{} (--recursive reads them)", counted(left.folders, "folder")));
+    }
+    plain(&format!("left out in {}: {}", left.folder.display(), parts.join(", "))).into_owned()
+}
 
 /// What training did: views, keypoints, keygraphs.
 #[must_use]

@@ -12,6 +12,8 @@ use std::io::{BufRead, BufReader, Read};
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
 
+use crate::content::YUV4MPEG2_MAGIC;
+use crate::ffmpeg::CROP_TO_EVEN;
 use crate::picture::{Picture, Pixels};
 
 /// Maximum number of pixels in a frame of a stream. A header that asks for more is refused
@@ -23,13 +25,6 @@ pub(crate) const UNKNOWN_FPS: (u32, u32) = (25, 1);
 
 /// Maximum length of the header line of a stream or frame, bytes.
 const MAX_HEADER_BYTES: u64 = 1024;
-
-/// Filter of ffmpeg that drops the last column or row of an odd size, which 4:2:0 cannot
-/// halve.
-pub(crate) const CROP_TO_EVEN: &str = "crop=trunc(iw/2)*2:trunc(ih/2)*2";
-
-/// First bytes of a stream.
-pub(crate) const YUV4MPEG2_MAGIC: &[u8] = b"YUV4MPEG2";
 
 const WANTED_STREAM: &str = "is not a YUV4MPEG2 stream; make one with \
                              `ffmpeg -i FILE -f yuv4mpegpipe -pix_fmt yuv420p -strict -1 -`";

@@ -12,7 +12,7 @@ use std::time::Duration;
 
 use camera_live::{Live, outline, truth};
 use keygraph::render::corner_error;
-use program::{Folder, assets, keygraph, picture};
+use program::{Folder, assets, frame, keygraph, picture};
 use serde_json::Value;
 
 fn sequence() -> String {
@@ -126,6 +126,19 @@ fn damaged_frames_are_skipped_counted_and_told_of_once() {
     assert!(lines.iter().all(|l| l["detections"][0]["object"] == "astronaut"), "{}", run.out);
     assert!(lines[3]["damaged"].as_u64().unwrap() >= 6, "two of three frames are damaged: {}", lines[3]);
     assert_eq!(run.err.matches("a damaged frame is skipped").count(), 1, "{}", run.err);
+}
+
+#[test]
+fn standard_input_is_replayed_to_its_end() {
+    let folder = Folder::new("stdin");
+    let astronaut = model(&folder, "astronaut");
+    let motion = [0, 1, 2].map(|i| std::fs::read(frame(i)).unwrap()).concat();
+    let arguments = ["camera", "--replay", "-", "-m", &astronaut, "--json", "--profile", "qvga", "--fps", "5"];
+    let run = program::run_in(&folder.0, &arguments, &motion).ended_with(0);
+    let lines = run.lines();
+    assert_eq!(lines.len(), 3, "{}", run.out);
+    assert!(lines.iter().all(|l| l["detections"][0]["object"] == "astronaut" && l["source"] == "-"), "{}", run.out);
+    program::run_in(&folder.0, &arguments, b"").refused_with(&["standard input", "is empty"]);
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! Writes a frame of the astronaut as a label on a can: for the picture of the README.
+//! Writes a frame of the astronaut as a label on a can: for the picture of `docs/space.md`.
 //!
 //!     cargo run --release -p keygraph-tests --example can -- FILE TURN SPIN LEAN (degrees)
 #![allow(clippy::unwrap_used, clippy::panic)]

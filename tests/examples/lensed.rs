@@ -1,5 +1,5 @@
 //! Writes frames of the astronaut seen through a lens, with known poses: for `keygraph calibrate`, and for the pictures
-//! of the README.
+//! of `docs/space.md`.
 //!
 //!     cargo run --release -p keygraph-tests --example lensed -- FOLDER FRAMES SEED FX,FY,CX,CY K1,K2,... [PICTURE]
 //!

@@ -38,7 +38,7 @@ pub fn rgb<'py>(py: Python<'py>, canvas: &Canvas) -> PyResult<Bound<'py, PyAny>>
     Ok(PyArray1::from_slice(py, canvas.rgb()).reshape(shape)?.into_any())
 }
 
-/// Reads a PNG or JPEG picture as an array of uint8, as the command line sees it.
+/// Reads a picture (PNG, JPEG, WebP, BMP, TIFF, GIF; AVIF and HEIC by ffmpeg) as an array of uint8, as the command line sees it.
 #[pyfunction]
 pub fn imread(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyAny>> {
     let picture = py.detach(|| read_picture(&path)).map_err(|e| exception(&e))?;

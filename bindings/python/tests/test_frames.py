@@ -200,7 +200,7 @@ def test_the_array_is_not_changed_and_not_kept_by_a_detection(detector: keygraph
         (None, {}, TypeError, "got NoneType"),
         (7, {}, TypeError, "got int"),
         ("no/such/file.png", {}, FileNotFoundError, "no/such/file.png"),
-        (__file__, {}, ValueError, "is not a PNG or JPEG picture"),
+        (__file__, {}, ValueError, "is not a PNG, JPEG"),
         (__file__, {"format": "yuyv", "size": (64, 48)}, ValueError, "not with a path"),
         (Image.new("L", (64, 64)), {"format": "gray", "size": (64, 64)}, ValueError, "not with a PIL image"),
     ],

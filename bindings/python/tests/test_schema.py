@@ -97,7 +97,7 @@ def test_a_frame_that_cannot_be_read(tmp_path: Path, model_file: Path, monkeypat
     )
     line = json.loads(done.stdout)
     CHECK.validate(line)
-    assert "is not a PNG or JPEG" in line["error"]
+    assert "is not a PNG, JPEG" in line["error"]
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,7 @@ use crate::image::pyramid::{PyramidMut, PyramidView, to_level0};
 use crate::model::parse::Model;
 
 /// Default minimum score of a detection. A score is the estimated probability that the detection is
-/// right. The README counts the wrong detections above this threshold.
+/// right. `docs/measured.md` counts the wrong detections above this threshold.
 pub const DEFAULT_THRESHOLD: f32 = 0.8;
 
 /// Finds the objects of a model in frames of one profile: [`QqvgaDetector`], [`QvgaDetector`],

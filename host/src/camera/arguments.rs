@@ -27,8 +27,9 @@ pub struct Origin {
     /// Camera to use [default: the first that gives pictures]
     #[arg(long, value_name = "/dev/videoN|N", conflicts_with = "replay")]
     pub device: Option<String>,
-    /// Video or folder of pictures to play in place of a camera, again and again
-    #[arg(long, value_name = "VIDEO|FOLDER")]
+    /// Frames in place of a camera: a video or a folder of pictures, played again and again; the address of a
+    /// camera (rtsp://, http://, ...); or - for standard input
+    #[arg(long, value_name = "VIDEO|FOLDER|ADDRESS|-")]
     pub replay: Option<PathBuf>,
     /// Size to ask the camera for [default: the nearest to 640x480]
     #[arg(long, value_name = "WxH", value_parser = size, conflicts_with = "replay")]

@@ -1,7 +1,7 @@
-//! A file in place of a camera: plays a video or a folder of pictures again and again, at
-//! its frame rate.
+//! A file or a stream in place of a camera: plays a video or a folder of pictures again and again, at
+//! its frame rate; takes the frames of an address or of standard input as they come.
 //!
-//! In: a path. Out: frames into the slot, each at its time. As with a camera, a frame does
+//! In: a path, an address, or `-`. Out: frames into the slot, each at its time. As with a camera, a frame does
 //! not wait until the frame before it is taken.
 //!
 //! Memory: one frame. Cost: decoding.
@@ -16,10 +16,13 @@ use anyhow::{Context, Result, anyhow};
 use super::Captured;
 use super::damage::Damage;
 use super::slot::Slot;
-use crate::input::{Kind, Source};
+use crate::ffmpeg;
+use crate::input::{Kind, Source, is_stdin, is_url, shown};
 
 /// Default rate of a folder's pictures, frames a second.
 const FOLDER_FPS: f64 = 25.0;
+/// Default rate at which an address is asked that gives one picture, frames a second.
+const PICTURE_FPS: f64 = 5.0;
 /// Maximum delay that the source makes up for. When it is later, it goes on from now.
 const PATIENCE: Duration = Duration::from_secs(1);
 
@@ -29,10 +32,11 @@ const PAUSES: [Duration; 2] = [Duration::from_millis(500), Duration::from_secs(1
 
 /// Plays `path` into `frames` until that is closed, at `fps` frames a second or else at the
 /// file's own rate. Frames that cannot be read are counted in `damage`. A file that could be
-/// read before is tried again; `told` takes the reason, and `None` when frames come again.
+/// read before is tried again, and an address always; `told` takes the reason, and `None` when frames come again.
+/// Standard input is played once.
 ///
 /// # Errors
-/// When no frame of the file can be read from the start, for a reason that will not pass.
+/// When no frame can be read from the start, for a reason that will not pass.
 pub fn replay(
     path: &Path,
     fps: Option<f64>,
@@ -40,7 +44,7 @@ pub fn replay(
     damage: &Damage,
     told: &dyn Fn(Option<String>),
 ) -> Result<()> {
-    let name = path.display().to_string();
+    let name = if is_stdin(path) { "standard input".into() } else { shown(path) };
     let inputs = [PathBuf::from(path)];
     let mut number = 0;
     let mut due = Instant::now();
@@ -54,16 +58,20 @@ pub fn replay(
                 Kind::Still => FOLDER_FPS,
                 Kind::Video { fps: (n, d) } => f64::from(n) / f64::from(d.max(1)),
             });
-            // A damaged frame takes its time too: nothing runs in circles.
-            thread::sleep(due.saturating_duration_since(Instant::now()));
-            due += Duration::from_secs_f64(1.0 / rate.max(0.1));
-            if due + PATIENCE < Instant::now() {
-                due = Instant::now();
+            // A damaged frame takes its time too: nothing runs in circles. Frames of a camera come when they were taken.
+            if !frame.live || fps.is_some() {
+                thread::sleep(due.saturating_duration_since(Instant::now()));
+                due += Duration::from_secs_f64(1.0 / rate.max(0.1));
+                if due + PATIENCE < Instant::now() {
+                    due = Instant::now();
+                }
             }
             let picture = match frame.picture {
                 Ok(picture) => picture,
                 Err(error) => {
-                    if !is_passing(&error) {
+                    // A stream that cannot be opened has no damaged frames.
+                    let is_closed = number == before && (is_url(path) || is_stdin(path));
+                    if !is_passing(&error) && !is_closed {
                         damage.note(&name, &error);
                     }
                     trouble = Some(error);
@@ -80,9 +88,19 @@ pub fn replay(
             }
             number += 1;
         }
+        if is_stdin(path) {
+            return match trouble {
+                Some(trouble) if number == 0 => Err(trouble).with_context(|| format!("cannot replay {name}")),
+                _ => Ok(()),
+            };
+        }
+        // An address may give one picture: it is asked for the next.
+        if is_url(path) && number == before + 1 {
+            thread::sleep(Duration::from_secs_f64(1.0 / fps.unwrap_or(PICTURE_FPS).max(0.1)));
+        }
         if number == before {
             let trouble = trouble.unwrap_or_else(|| anyhow!("it has no frames"));
-            if number == 0 && !is_passing(&trouble) {
+            if number == 0 && !is_passing(&trouble) && !(is_url(path) && ffmpeg::is_there()) {
                 return Err(trouble).with_context(|| format!("cannot replay {name}"));
             }
             if !in_trouble {

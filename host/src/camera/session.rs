@@ -23,6 +23,7 @@ use super::mqtt::{self, Outlet};
 use super::replay::replay;
 use super::signals;
 use super::web::{self, School};
+use crate::input::shown;
 
 /// The page: its address, its token, and how objects are learned on it.
 #[derive(Debug)]
@@ -113,7 +114,7 @@ impl Session {
 #[must_use]
 pub fn name_of(origin: &Origin) -> String {
     match (&origin.replay, &origin.device) {
-        (Some(path), _) => path.display().to_string(),
+        (Some(path), _) => shown(path),
         (None, device) => device.clone().unwrap_or_else(|| "camera".into()),
     }
 }

@@ -8,7 +8,7 @@ use anyhow::Result;
 use clap::error::ErrorKind;
 use keygraph::canvas::Canvas;
 use keygraph::gallery::Gallery;
-use keygraph::input::{Kind, Source, read_picture};
+use keygraph::input::{Kind, Reading, Source, read_picture};
 use keygraph::output::{Inputs, file_stem, plain, plain_lines, print_line};
 use keygraph::pose::{Calibration, CameraArguments};
 use keygraph::progress::Progress;
@@ -37,9 +37,12 @@ pub struct Arguments {
 /// What is searched, how, and what is told of it.
 #[derive(Debug, clap::Args)]
 pub struct Search {
-    /// Pictures, folders of pictures, video files, or - for a YUV4MPEG2 stream
+    /// Pictures, folders, videos, addresses (rtsp://, http://, ...), or - for standard input
     #[arg(required = true, value_name = "INPUT")]
     inputs: Vec<PathBuf>,
+    /// Read folders in folders too
+    #[arg(short, long)]
+    recursive: bool,
     /// Print one JSON line a frame
     #[arg(long)]
     json: bool,
@@ -173,7 +176,9 @@ pub fn search(bytes: &[u8], paths: &[PathBuf], arguments: &Search) -> Result<Exi
         optics,
         calibration: calibration.as_ref(),
     };
-    let mut source = Source::open(&arguments.inputs)?;
+    let reading = Reading { recursive: arguments.recursive, reconnect: true };
+    let mut source = Source::open_as(&arguments.inputs, reading)?;
+    source.left_out().iter().for_each(|left| eprintln!("keygraph: {}", words::left_out(left)));
     let read = arguments.inputs.iter().chain(paths).map(PathBuf::as_path);
     let gallery = |path: &Path| Gallery::new(path, Inputs::of(read.clone()));
     // A slash at its end makes a folder of any name.

@@ -20,7 +20,7 @@ use super::usage_error;
 /// Arguments of `keygraph find`.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
-    /// PNG or JPEG picture that shows the object, from the front, and nothing else
+    /// Picture that shows the object, from the front, and nothing else
     picture: PathBuf,
     #[command(flatten)]
     search: Search,

@@ -24,7 +24,7 @@ use super::values::model_size;
 /// Arguments of `keygraph train`.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
-    /// PNG or JPEG picture that shows the object, from the front, and nothing else
+    /// Picture that shows the object, from the front, and nothing else
     #[cfg_attr(feature = "live", arg(required_unless_present = "from_camera", conflicts_with = "from_camera"))]
     #[cfg_attr(not(feature = "live"), arg(required = true))]
     picture: Option<PathBuf>,

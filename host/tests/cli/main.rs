@@ -5,8 +5,9 @@
 //! the pixels of the input, exit status 0, 1 or 2.
 //!
 //! - `lines`: values of JSON lines, and what the contract says of them
+//! - `commands`: the page with the help of every command
 //! - `usage`: wrong command lines, and models that cannot be read
-//! - `train`, `pack`, `detect`, `find`, `annotate`, `assess`, `video`, `demo`: by command and by input
+//! - `train`, `pack`, `detect`, `find`, `inputs`, `annotate`, `assess`, `video`, `demo`: by command and by input
 //! - `region`: parts of frames, and frames that are mirrored
 //! - `writing`: files that are written, and faults while they are
 #![allow(clippy::unwrap_used, clippy::panic, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
@@ -28,9 +29,11 @@ mod lines;
 
 mod annotate;
 mod assess;
+mod commands;
 mod demo;
 mod detect;
 mod find;
+mod inputs;
 mod pack;
 mod region;
 mod train;

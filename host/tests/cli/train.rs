@@ -115,7 +115,7 @@ fn a_folder_that_is_not_there_is_named() {
 fn what_is_no_picture_is_refused() {
     let folder = Folder::new("no-picture");
     let (text, model) = (folder.file("text.png", b"hello"), folder.join("m.kgm"));
-    keygraph!("train", text, "-o", model).refused_with(&["text.png", "not a PNG or JPEG"]);
+    keygraph!("train", text, "-o", model).refused_with(&["text.png", "not a PNG, JPEG, WebP"]);
     keygraph!("train", folder.join("missing.png"), "-o", model).refused_with(&["missing.png", "no such file"]);
     assert!(!model.exists(), "a model of nothing");
 }
