@@ -176,6 +176,16 @@ pub fn draw_axes(canvas: &mut Canvas, [origin, x, y, z]: [[f32; 2]; 4]) {
     }
 }
 
+/// Draws lines of this width, px.
+pub fn draw_lines(canvas: &mut Canvas, lines: &[[[f32; 2]; 2]], colour: Colour, width_px: u32) {
+    lines.iter().for_each(|&line| stroke(canvas, line, colour, width_px));
+}
+
+/// Draws a disc of this diameter, px, at each point.
+pub fn draw_dots(canvas: &mut Canvas, points: &[[f32; 2]], colour: Colour, diameter_px: u32) {
+    points.iter().for_each(|&point| disc(canvas, point, colour, diameter_px));
+}
+
 /// Draws the sides of triangles with thin lines.
 pub fn draw_triangles(canvas: &mut Canvas, triangles: &[[[f32; 2]; 3]], colour: Colour) {
     let width_px = (canvas.longer_side() / 1200).max(1);

@@ -34,6 +34,7 @@
 //! - [`mod@assess`]: how well a picture will be found, before it is used
 //! - [`mod@bench`]: what stages cost, in time and memory
 //! - [`run`], [`gallery`]: many frames at once, and where their pictures go
+//! - [`mod@explain`]: why an object is found in a frame, or is not
 //! - [`report`], [`words`]: results as JSON, and as sentences
 //! - `camera`: live frames of a camera (with the feature `live`)
 //! - [`demo`]: the whole path on the pictures of the repository
@@ -78,6 +79,7 @@ pub mod assess;
 pub mod bench;
 pub mod run;
 pub mod gallery;
+pub mod explain;
 pub mod report;
 pub mod words;
 #[cfg(feature = "live")]

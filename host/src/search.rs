@@ -43,6 +43,19 @@ pub struct Scaled<'a> {
 }
 
 impl Scaled<'_> {
+    /// The pixels as a picture of their own; they must have a format that pictures have.
+    #[must_use]
+    pub fn picture(&self) -> Picture {
+        let (width, height) = (u32::try_from(self.width).unwrap_or(0), u32::try_from(self.height).unwrap_or(0));
+        let bytes = || self.data.to_vec();
+        let pixels = match self.format {
+            PixelFormat::Rgb8 => Pixels::Rgb8(bytes()),
+            PixelFormat::I420 => Pixels::I420(bytes()),
+            _ => Pixels::Gray8(bytes()),
+        };
+        Picture { width, height, pixels }
+    }
+
     /// Mirrors the pixels left to right, of one of the formats that pictures have.
     fn mirror(&mut self) {
         let (w, n) = (self.width, self.width * self.height);
@@ -453,18 +466,23 @@ fn in_profile(
             .into(),
         }
     })?;
-    let slot = slot % MAX_THREADS;
     let own = &request.within(&scaled.to_picture);
-    let mut found = match request.profile {
-        Profile::Hd => work(&mut *lock(&HD[slot]), &frame, own),
-        Profile::Vga => work(&mut *lock(&VGA[slot]), &frame, own),
-        Profile::Qvga => work(&mut *lock(&QVGA[slot]), &frame, own),
-        Profile::Qqvga => work(&mut *lock(&QQVGA[slot]), &frame, own),
-    }?;
+    let mut found = with_detector(request.profile, slot, |detector| work(detector, &frame, own))?;
     found.map_back(&scaled.to_picture);
     (found.part, found.mirrored) = (scaled.part, request.mirror);
     found.total_ns = u64::try_from(start.elapsed().as_nanos()).unwrap_or(u64::MAX);
     Ok(found)
+}
+
+/// Calls `work` with the detector of a profile and of thread `slot`.
+pub fn with_detector<T>(profile: Profile, slot: usize, work: impl FnOnce(&mut AnyDetector) -> T) -> T {
+    let slot = slot % MAX_THREADS;
+    match profile {
+        Profile::Hd => work(&mut *lock(&HD[slot])),
+        Profile::Vga => work(&mut *lock(&VGA[slot])),
+        Profile::Qvga => work(&mut *lock(&QVGA[slot])),
+        Profile::Qqvga => work(&mut *lock(&QQVGA[slot])),
+    }
 }
 
 fn lock<T>(m: &Mutex<T>) -> MutexGuard<'_, T> {

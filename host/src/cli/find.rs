@@ -37,12 +37,15 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode> {
         let shown = plain(&path.display().to_string()).into_owned();
         usage_error(ErrorKind::ValueValidation, format!("{shown} is a model: use `keygraph detect -m {shown}`"));
     }
-    let model = learnt(path)?;
+    let model = model_of(path)?;
     search(&model, slice::from_ref(path), &arguments.search)
 }
 
 /// The model of a picture. What makes it less useful than it looks is said.
-fn learnt(path: &Path) -> Result<Vec<u8>> {
+///
+/// # Errors
+/// When the picture cannot be read or used.
+pub fn model_of(path: &Path) -> Result<Vec<u8>> {
     let label = plain(&path.display().to_string()).into_owned();
     let framed = read_framed(path, None)?;
     for said in advice::framing(&framed, path, None) {

@@ -3,7 +3,7 @@
 //! - `model_files`: models as files, read and parsed
 //! - `compare`: objects that look alike
 //! - `values`: values of arguments that several commands take
-//! - `train`, `pack`, `inspect`, `assess`, `detect`, `find`, `bench`, `calibrate`, `camera`, `order`, `extras`, `demo`: the commands
+//! - `train`, `pack`, `inspect`, `assess`, `detect`, `find`, `explain`, `bench`, `calibrate`, `camera`, `order`, `extras`, `demo`: the commands
 
 mod compare;
 mod model_files;
@@ -17,6 +17,7 @@ mod calibrate;
 mod camera;
 mod demo;
 mod detect;
+mod explain;
 #[cfg(feature = "extras")]
 mod extras;
 mod find;
@@ -60,6 +61,11 @@ enum Command {
     Detect(detect::Arguments),
     /// Find the object of one picture in others: trains in memory, then as `detect`
     Find(find::Arguments),
+    /// Tell why the object of a picture is found in a frame, or is not
+    ///
+    /// Writes a picture of each stage of the search, and says in words what it made. Where nothing is found, says
+    /// what would help.
+    Explain(explain::Arguments),
     /// Measure the search: time by stage, memory by buffer, one digest
     ///
     /// Searches the same frames again and again on one thread. Each pass must find what
@@ -103,6 +109,7 @@ pub fn run() -> Result<ExitCode> {
         Command::Assess(arguments) => assess::run(&arguments)?,
         Command::Detect(arguments) => return detect::run(arguments),
         Command::Find(arguments) => return find::run(&arguments),
+        Command::Explain(arguments) => return explain::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments)?,
         #[cfg(feature = "calibrate")]
         Command::Calibrate(arguments) => return calibrate::run(&arguments),
