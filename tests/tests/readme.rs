@@ -5,7 +5,9 @@ use std::fs;
 use std::mem::size_of;
 use std::path::Path;
 
-use keygraph_core::{HdDetector, QqvgaDetector, QvgaDetector, VgaDetector};
+use keygraph::input::read_picture;
+use keygraph::learn::{Preset, train};
+use keygraph_core::{HdDetector, Model, QqvgaDetector, QvgaDetector, VgaDetector};
 use keygraph_tests::file;
 
 /// Maximum number of lines of the README.
@@ -80,6 +82,46 @@ fn commands_exist() {
     }
     assert!(count > 40, "{count} are too few to be all");
     assert!(missing.is_empty(), "these scripts do not exist:\n{missing:#?}");
+}
+
+/// Formats a number with commas between thousands, or a range of two.
+fn range(values: &[u64]) -> String {
+    let with_commas = |n: u64| {
+        let digits = n.to_string();
+        let parts: Vec<_> =
+            digits.as_bytes().rchunks(3).rev().map(|c| String::from_utf8(c.to_vec()).unwrap()).collect();
+        parts.join(",")
+    };
+    let (low, high) = (*values.iter().min().unwrap(), *values.iter().max().unwrap());
+    if low == high { with_commas(low) } else { format!("{} to {}", with_commas(low), with_commas(high)) }
+}
+
+/// Checks that the table beside the paper gives the sizes of models that are trained now.
+#[test]
+fn the_sizes_beside_the_paper_are_those_of_models() {
+    let mut rows = [const { Vec::new() }; 5];
+    for preset in [Preset::Paper, Preset::Standard, Preset::Large] {
+        let mut values = [const { Vec::new() }; 5];
+        for name in ["astronaut", "coffee", "chelsea"] {
+            let picture = read_picture(&file(&format!("assets/pictures/{name}.jpg"))).unwrap();
+            let (bytes, trained) = train(&picture, name, preset, false).unwrap();
+            let model = Model::parse(&bytes).unwrap();
+            let (used, largest) = model.occupancy();
+            let of = [trained.keypoints(), model.object(0).triples as usize, model.keygraphs(), used, largest];
+            values.iter_mut().zip(of).for_each(|(all, v)| all.push(v as u64));
+        }
+        rows.iter_mut().zip(values).for_each(|(row, v)| row.push(range(&v)));
+    }
+    let page = fs::read_to_string(file("docs/measured.md")).unwrap();
+    for (name, row) in ["keypoints", "triples possible", "keygraphs", "subsets used", "largest subset"].iter().zip(rows)
+    {
+        let mut section = page.lines().skip_while(|l| *l != "## The paper, and ours");
+        let line = section.find(|l| l.starts_with(&format!("| {name} |"))).unwrap();
+        assert!(
+            line.ends_with(&format!("| {} |", row.join(" | "))),
+            "{name} of this build: {row:?}; on the page: {line}"
+        );
+    }
 }
 
 /// Returns the anchors of a page: those that its headings get, as GitHub and mdBook make them.
