@@ -16,6 +16,9 @@ const VIDEOS: [&str; 16] =
 /// Schemes of the addresses that ffmpeg opens for us.
 const SCHEMES: [&str; 4] = ["rtsp", "rtsps", "http", "https"];
 
+/// Parts of names of values in a query that are secret.
+const SECRETS: [&str; 5] = ["pass", "pwd", "token", "auth", "key"];
+
 /// Number of bytes that tell what something is.
 pub(crate) const START_BYTES: usize = 16;
 
@@ -57,7 +60,8 @@ impl Content {
             Self::Yuv4Mpeg
         } else if is_webp || [PNG, JPEG, b"II*\0", b"MM\0*"].iter().any(tells) || is_bitmap(start) {
             Self::Picture
-        } else if is_boxed(&[b"avif", b"heic", b"heix", b"mif1"]) {
+        } else if is_boxed(&[b"avif", b"avis", b"heic", b"heix", b"heim", b"heis", b"hevc", b"mif1", b"msf1", b"miaf"])
+        {
             Self::Foreign
         } else {
             Self::Other
@@ -96,19 +100,50 @@ pub(crate) fn scheme(path: &Path) -> Option<&str> {
     is_scheme.then_some(scheme)
 }
 
-/// A path, or an address without its password, for lines, logs and messages.
+/// A path, or an address without what is secret in it: for lines, logs and messages.
 #[must_use]
 pub fn shown(path: &Path) -> String {
     let text = path.display().to_string();
-    let Some((scheme, rest)) = text.split_once("://").filter(|_| is_url(path)) else { return text };
-    let end = rest.find('/').unwrap_or(rest.len());
-    match rest[..end].rsplit_once('@') {
-        Some((user, host)) => {
-            let user = user.split_once(':').map_or(user.into(), |(name, _)| format!("{name}:***"));
-            format!("{scheme}://{user}@{host}{}", &rest[end..])
-        }
-        None => text,
+    if scheme(path).is_none() {
+        return text;
     }
+    hide(path, &text)
+}
+
+/// Hides in a text what is secret in an address: its password, and the values of a query that are named so.
+pub(crate) fn hide(address: &Path, text: &str) -> String {
+    let mut hidden = text.to_string();
+    let own = address.to_string_lossy();
+    let Some((_, rest)) = own.split_once("://") else { return hidden };
+    let end = rest.find(['/', '?']).unwrap_or(rest.len());
+    if let Some((name, password)) = rest[..end].rsplit_once('@').and_then(|(user, _)| user.split_once(':')) {
+        hidden = hidden.replace(&format!("{name}:{password}@"), &format!("{name}:***@"));
+    }
+    for (name, value) in own.split(['?', '&']).skip(1).filter_map(|pair| pair.split_once('=')) {
+        let name = name.to_ascii_lowercase();
+        if !value.is_empty() && SECRETS.iter().any(|secret| name.contains(secret)) {
+            hidden = hidden.replace(&format!("={value}"), "=***");
+        }
+    }
+    hidden
+}
+
+/// The part of an address before its query.
+pub(crate) fn without_query(address: &Path) -> &str {
+    address.to_str().and_then(|text| text.split(['?', '#']).next()).unwrap_or_default()
+}
+
+/// Whether frames of an address come when they are taken: those of a camera. Those of a video file, and of one in
+/// pieces (HLS), come as fast as they are read.
+pub(crate) fn is_live(path: &Path) -> bool {
+    let file = Path::new(without_query(path));
+    let is_camera = scheme(path).is_some_and(|s| s.to_ascii_lowercase().starts_with("rtsp"));
+    is_url(path) && (is_camera || !(is_named_video(file) || extension(file) == "m3u8"))
+}
+
+/// The extension of a name in small letters; empty when it has none.
+pub(crate) fn extension(path: &Path) -> String {
+    path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default()
 }
 
 /// Whether a name has the extension of a picture.
@@ -195,7 +230,8 @@ mod tests {
             ("rtsp://me:se@cret@camera.lan", true, "rtsp://me:***@camera.lan"),
             ("HTTP://me@camera.lan/x", true, "HTTP://me@camera.lan/x"),
             ("https://camera.lan/x?y=a:b@c", true, "https://camera.lan/x?y=a:b@c"),
-            ("ftp://me:secret@host", false, "ftp://me:secret@host"),
+            ("ftp://me:secret@host", false, "ftp://me:***@host"),
+            ("http://h/x.jpg?user=me&password=a1&z=2", true, "http://h/x.jpg?user=me&password=***&z=2"),
             ("a folder/b.mp4", false, "a folder/b.mp4"),
         ] {
             assert_eq!((is_url(Path::new(text)), shown(Path::new(text)).as_str()), (url, expected), "{text}");

@@ -13,7 +13,7 @@ use std::time::Duration;
 
 use anyhow::{Context, Result, anyhow, ensure};
 
-use crate::content::{is_stdin, is_url, scheme};
+use crate::content::{extension, is_stdin, is_url, scheme, without_query};
 
 /// Filter of ffmpeg that drops the last column or row of an odd size, which 4:2:0 cannot
 /// halve.
@@ -33,13 +33,16 @@ const FORMATS: &str = "3gp,apng,asf,avi,avs2,avs3,av1,bmp_pipe,dv,flv,gif,gxf,h2
 
 /// What an address may give besides: the stream of a camera, a picture, and a stream in pieces (HLS). The
 /// protocols keep its pieces from being files of this machine.
-const REMOTE_FORMATS: &str = "aac,hls,image2,jpeg_pipe,mp3,mpjpeg,png_pipe,rtp,rtsp,sdp";
+const REMOTE_FORMATS: &str = "aac,hls,jpeg_pipe,mp3,mpjpeg,png_pipe,rtp,rtsp,sdp";
 
 /// Protocols by which a stream at an address may come.
 const PROTOCOLS: &str = "rtp,rtsp,rtsps,srtp,udp,tcp,tls,http,https,httpproxy,crypto";
 
 /// What ffmpeg says of another format.
 const NOT_LISTED: &str = "not on whitelist";
+
+/// Maximum number of pixels of a frame.
+const MOST_PIXELS: &str = "100000000";
 
 /// Time without a byte after which a stream at an address counts as broken off.
 const MOST_SILENCE: Duration = Duration::from_secs(15);
@@ -64,7 +67,7 @@ pub(crate) fn picture_arguments(path: &Path) -> Vec<OsString> {
 
 /// Arguments that read `path`, and nothing that it may name.
 fn input_arguments(path: &Path) -> Vec<OsString> {
-    let mut arguments = Vec::new();
+    let mut arguments = vec!["-max_pixels".into(), MOST_PIXELS.into()];
     let mut add = |more: &[&str]| arguments.extend(more.iter().map(OsString::from));
     // A file that names others must not reach into the network, nor to the files of this machine.
     if is_url(path) {
@@ -73,7 +76,14 @@ fn input_arguments(path: &Path) -> Vec<OsString> {
             // Datagrams get lost; what a camera cannot send otherwise still comes so.
             add(&["-rtsp_flags", "prefer_tcp"]);
         } else {
-            add(&["-reconnect", "1", "-reconnect_streamed", "1", "-reconnect_delay_max", "5"]);
+            let silence = MOST_SILENCE.as_micros().to_string();
+            add(&["-rw_timeout", &silence]);
+            // By its name, ffmpeg would take the address for the pattern of many.
+            match extension(Path::new(without_query(path))).as_str() {
+                "jpg" | "jpeg" => add(&["-f", "jpeg_pipe"]),
+                "png" => add(&["-f", "png_pipe"]),
+                _ => {}
+            }
         }
         add(&["-i"]);
         arguments.push(path.into());
@@ -82,7 +92,7 @@ fn input_arguments(path: &Path) -> Vec<OsString> {
             "-protocol_whitelist",
             "pipe",
             "-format_whitelist",
-            &format!("{FORMATS},jpeg_pipe,png_pipe"),
+            &format!("{FORMATS},jpeg_pipe,mpjpeg,png_pipe"),
             "-i",
             "pipe:0",
         ]);
@@ -107,14 +117,23 @@ pub(crate) fn pump(mut from: impl Read + Send + 'static, mut to: impl Write + Se
     thread::spawn(move || io::copy(&mut from, &mut to));
 }
 
-/// A stream that ends with an error when nothing comes for too long.
+/// A stream that is read by a thread of its own, so that nobody has to wait for it without an end.
+#[derive(Debug)]
 pub(crate) struct Patient {
     chunks: Receiver<Vec<u8>>,
     rest: io::Cursor<Vec<u8>>,
+    /// Time without a byte after which reading fails.
+    patience: Option<Duration>,
 }
 
 impl Patient {
-    pub(crate) fn new(mut stream: impl Read + Send + 'static) -> Self {
+    /// The output of a program that may fall silent.
+    pub(crate) fn new(stream: impl Read + Send + 'static) -> Self {
+        Self { patience: Some(MOST_SILENCE), ..Self::without_end(stream) }
+    }
+
+    /// A stream that may be silent for as long as it likes.
+    pub(crate) fn without_end(mut stream: impl Read + Send + 'static) -> Self {
         // One chunk more than the pipe holds.
         let (send, chunks) = sync_channel(1);
         thread::spawn(move || {
@@ -125,7 +144,21 @@ impl Patient {
                 }
             }
         });
-        Self { chunks, rest: io::Cursor::default() }
+        Self { chunks, rest: io::Cursor::default(), patience: None }
+    }
+
+    /// Whether the stream is known to be at its end, or becomes so within `time`.
+    pub(crate) fn ends_within(&mut self, time: Duration) -> bool {
+        if (self.rest.position() as usize) < self.rest.get_ref().len() {
+            return false;
+        }
+        match self.chunks.recv_timeout(time) {
+            Ok(chunk) => {
+                self.rest = io::Cursor::new(chunk);
+                false
+            }
+            Err(error) => error == RecvTimeoutError::Disconnected,
+        }
     }
 }
 
@@ -136,7 +169,11 @@ impl Read for Patient {
             if n > 0 || buffer.is_empty() {
                 return Ok(n);
             }
-            match self.chunks.recv_timeout(MOST_SILENCE) {
+            let next = match self.patience {
+                Some(time) => self.chunks.recv_timeout(time),
+                None => self.chunks.recv().map_err(|_| RecvTimeoutError::Disconnected),
+            };
+            match next {
                 Ok(chunk) => self.rest = io::Cursor::new(chunk),
                 Err(RecvTimeoutError::Disconnected) => return Ok(0),
                 Err(RecvTimeoutError::Timeout) => {

@@ -204,7 +204,7 @@ fn classify(path: &Path) -> Input {
     let path = path.to_path_buf();
     match scheme(&path) {
         Some(scheme) if !is_url(&path) && !path.exists() => {
-            let error = anyhow!("{}: addresses start with rtsp, rtsps, http or https, not {scheme}", path.display());
+            let error = anyhow!("{}: addresses start with rtsp, rtsps, http or https, not {scheme}", shown(&path));
             Input::Unreadable(path, error)
         }
         _ if !is_stdin(&path) && !is_url(&path) && !path.exists() => {
@@ -220,11 +220,21 @@ fn classify(path: &Path) -> Input {
 fn files_in(folder: &Path, recursive: bool, left_out: &mut Vec<LeftOut>) -> Result<Vec<Input>> {
     let mut files = Vec::new();
     let mut waiting = vec![folder.to_path_buf()];
+    let (mut unlisted, mut is_inner) = (Vec::new(), false);
     while let Some(folder) = waiting.pop() {
         let unreadable = || format!("cannot list the folder {}", folder.display());
         let mut left = LeftOut { folder: folder.clone(), files: Vec::new(), folders: 0 };
-        for entry in fs::read_dir(&folder).with_context(unreadable)? {
-            let entry = entry.with_context(unreadable)?;
+        // A folder within that cannot be listed is reported in its place.
+        let entries: Result<Vec<_>, _> = fs::read_dir(&folder).and_then(Iterator::collect);
+        let entries = match entries.with_context(unreadable) {
+            Err(error) if is_inner => {
+                unlisted.push(Input::Unreadable(folder, error));
+                continue;
+            }
+            entries => entries?,
+        };
+        is_inner = true;
+        for entry in entries {
             let path = entry.path();
             if entry.file_name().as_encoded_bytes().starts_with(b".") {
                 continue;
@@ -233,7 +243,7 @@ fn files_in(folder: &Path, recursive: bool, left_out: &mut Vec<LeftOut>) -> Resu
                 // A link to a folder could lead back to this one.
                 match recursive && entry.file_type().is_ok_and(|kind| kind.is_dir()) {
                     true => waiting.push(path),
-                    false => left.folders += 1,
+                    false => left.folders += usize::from(!recursive),
                 }
             } else if (is_named_picture(&path) || is_named_video(&path))
                 // A pipe or a device could make the search wait for ever. A broken link is reported later.
@@ -249,11 +259,12 @@ fn files_in(folder: &Path, recursive: bool, left_out: &mut Vec<LeftOut>) -> Resu
             left_out.push(left);
         }
     }
-    if files.is_empty() {
+    if files.is_empty() && unlisted.is_empty() {
         bail!("the folder {} has no pictures and no videos in it", folder.display());
     }
     files.sort();
-    Ok(files.into_iter().map(|path| if is_video(&path) { Input::Video(path) } else { Input::Still(path) }).collect())
+    let files = files.into_iter().map(|path| if is_video(&path) { Input::Video(path) } else { Input::Still(path) });
+    Ok(files.chain(unlisted).collect())
 }
 
 #[cfg(test)]

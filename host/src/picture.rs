@@ -5,12 +5,13 @@
 //! Memory: the file and the decoded picture. A picture that would need too much is refused
 //! before it is decoded.
 
-use std::io::{self, Cursor, Read};
+use std::io::{self, Cursor, Read, Write};
 use std::path::Path;
 use std::str::FromStr;
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
+use tempfile::NamedTempFile;
 
 /// Maximum number of pixels of a picture that is read from a file.
 const MOST_PIXELS: u64 = 100_000_000;
@@ -18,7 +19,7 @@ const MOST_PIXELS: u64 = 100_000_000;
 /// and opacity. A picture of 16 bits a sample can have half of the pixels.
 const PIXEL_BYTES: u64 = 4;
 
-use crate::content::Content;
+use crate::content::{self, Content};
 use crate::ffmpeg::{Ffmpeg, picture_arguments};
 use crate::file::read_whole;
 
@@ -147,7 +148,7 @@ pub const EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
 /// The extension of a path in small letters; empty when it has none.
 #[must_use]
 pub fn extension(path: &Path) -> String {
-    path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default()
+    content::extension(path)
 }
 
 /// Decodes the file of a picture. The picture is turned upright as its EXIF orientation
@@ -229,7 +230,7 @@ fn open_upright(path: &Path) -> Result<DynamicImage> {
         // The cause stays: it may be one that passes.
         _ => anyhow::Error::new(error).context(format!("{name}: cannot be read")),
     })?;
-    let foreign = || decode_upright(&by_ffmpeg(path)?, MOST_PIXELS);
+    let foreign = || decode_upright(&by_ffmpeg(&bytes)?, MOST_PIXELS);
     let decoded = match Content::told_by(&bytes) {
         Content::Foreign => foreign(),
         // TIFF has more kinds than one decoder knows.
@@ -242,9 +243,13 @@ fn open_upright(path: &Path) -> Result<DynamicImage> {
 }
 
 /// A picture that ffmpeg decodes, as a PNG.
-pub(crate) fn by_ffmpeg(path: &Path) -> Result<Vec<u8>> {
+pub(crate) fn by_ffmpeg(bytes: &[u8]) -> Result<Vec<u8>> {
+    // A pipe cannot be read a second time, and ffmpeg must go back and forth in the file.
+    let mut file = NamedTempFile::new().context("cannot be kept in a temporary file")?;
+    file.write_all(bytes).context("cannot be kept in a temporary file")?;
     let mut png = Vec::new();
-    let mut ffmpeg = Ffmpeg::start(&picture_arguments(path)).context("AVIF and HEIC pictures are read by ffmpeg")?;
+    let mut ffmpeg =
+        Ffmpeg::start(&picture_arguments(file.path())).context("AVIF and HEIC pictures are read by ffmpeg")?;
     if let Some(output) = ffmpeg.child.stdout.take() {
         output.take(MOST_PIXELS * PIXEL_BYTES).read_to_end(&mut png).context("cannot read what ffmpeg decodes")?;
     }
@@ -302,7 +307,7 @@ fn decode_upright(bytes: &[u8], most: u64) -> Result<DynamicImage> {
         // The decoder fills the rest of a JPEG that is cut off with grey, without an error.
         Some(ImageFormat::Jpeg) => ensure!(jpeg_is_complete(bytes), "the JPEG picture is cut off before its end"),
         _ if bytes.is_empty() => bail!("the file is empty"),
-        _ => bail!("is not a PNG, JPEG, WebP, BMP, TIFF or GIF picture"),
+        _ => bail!("is not a PNG, JPEG, WebP, BMP, TIFF, GIF, AVIF or HEIC picture"),
     }
     let damaged = "the picture cannot be decoded; it may be damaged or cut off";
     reader.limits(limits(most));

@@ -8,7 +8,7 @@
 //! Memory: one frame. Cost: decoding.
 
 use std::fmt;
-use std::fs::File;
+use std::fs::{self, File};
 use std::io::{self, Cursor, Read};
 use std::path::{Path, PathBuf};
 use std::thread;
@@ -17,7 +17,7 @@ use std::time::Duration;
 use anyhow::{Context, Error, Result, anyhow, ensure};
 use tempfile::NamedTempFile;
 
-use crate::content::{Content, JPEG, PNG, START_BYTES, is_stdin, is_url, shown};
+use crate::content::{Content, JPEG, PNG, START_BYTES, hide, is_live, is_stdin, is_url, shown};
 use crate::ffmpeg::{Ffmpeg, Patient, decoding_arguments, pump};
 use crate::picture::{Picture, by_ffmpeg, decode};
 use crate::pictures::Pictures;
@@ -25,6 +25,9 @@ use crate::yuv4mpeg::{UNKNOWN_FPS, Yuv4MpegReader};
 
 /// Pauses before a camera is called again that broke off: the first and the longest.
 const PAUSES: [Duration; 2] = [Duration::from_millis(500), Duration::from_secs(10)];
+
+/// What ffmpeg says at the end of an answer without a length: -1, as a number without a sign.
+const UNKNOWN_LENGTH: &str = "should be 18446744073709551615";
 
 /// Maximum size of the first box of an MP4, bytes.
 const MOST_START: usize = 4096;
@@ -34,14 +37,15 @@ type Bytes = Box<dyn Read + Send>;
 /// How frames lie in a stream.
 enum Frames {
     Planes(Yuv4MpegReader<Bytes>),
-    Pictures(Pictures<Bytes>),
+    Pictures(Pictures),
 }
 
 impl Frames {
-    fn next(&mut self) -> Result<Option<Picture>> {
+    /// The next frame. The error within is that of one picture, behind which others come.
+    fn next(&mut self) -> Result<Option<Result<Picture>>> {
         match self {
-            Self::Planes(reader) => reader.next_frame(),
-            Self::Pictures(pictures) => pictures.next()?.map(|bytes| Ok(decode(&bytes)?.0)).transpose(),
+            Self::Planes(reader) => Ok(reader.next_frame()?.map(Ok)),
+            Self::Pictures(pictures) => Ok(pictures.next()?.map(|bytes| Ok(decode(&bytes)?.0))),
         }
     }
 }
@@ -85,7 +89,7 @@ impl Stream {
             path: path.to_path_buf(),
             next_frame: 0,
             fps: UNKNOWN_FPS,
-            live: is_url(path),
+            live: is_live(path),
             still: false,
             frames: None,
             ffmpeg: None,
@@ -110,7 +114,7 @@ impl Stream {
         let mut ffmpeg = Ffmpeg::start(&decoding_arguments(&path))?;
         let output = ffmpeg.child.stdout.take().context("ffmpeg has no output")?;
         // A camera at an address may stop to send without an end.
-        let output: Bytes = if self.live { Box::new(Patient::new(output)) } else { Box::new(output) };
+        let output: Bytes = if is_url(&path) { Box::new(Patient::new(output)) } else { Box::new(output) };
         self.ffmpeg = Some(ffmpeg);
         self.start_planes(output).context(name)
     }
@@ -149,7 +153,7 @@ impl Stream {
         let mut file = NamedTempFile::new().context("cannot be kept in a temporary file")?;
         io::copy(&mut whole, &mut file).context("cannot be kept in a temporary file")?;
         if content == Content::Foreign {
-            let png = by_ffmpeg(file.path())?;
+            let png = by_ffmpeg(&fs::read(file.path())?)?;
             self.still = true;
             self.frames = Some(Frames::Pictures(Pictures::new(Box::new(Cursor::new(png)))));
             return Ok(());
@@ -189,11 +193,10 @@ impl Stream {
         if error.is_some_and(|error| error.chain().any(is_silence)) {
             self.ffmpeg = None;
         }
-        let (path, name) = match &self.spooled {
-            Some(file) => (file.path(), "-".into()),
-            None => (self.path.as_path(), shown(&self.path)),
+        let hidden = |text: String| match &self.spooled {
+            Some(file) => text.replace(&*file.path().to_string_lossy(), "-"),
+            None => hide(&self.path, &text),
         };
-        let hidden = |text: String| text.replace(&*path.to_string_lossy(), &name);
         match self.ffmpeg.take().map(Ffmpeg::finish) {
             Some(Ok(messages)) => Ok(hidden(messages)),
             Some(Err(error)) => Err(anyhow!(hidden(format!("{error:#}")))),
@@ -206,12 +209,13 @@ impl Stream {
         let (first, frames) = (self.next_frame == 0, self.frames.as_mut()?);
         let error = match frames.next() {
             Ok(Some(picture)) => {
+                self.again = self.again.map(|_| PAUSES[0]);
                 if let Frames::Pictures(pictures) = frames
                     && first
                 {
                     self.still = pictures.is_at_end();
                 }
-                return Some(Ok(picture));
+                return Some(picture);
             }
             Ok(None) if first => Some(anyhow!("the video has no frames")),
             // A camera has no end: it was switched off, or its network was.
@@ -221,6 +225,8 @@ impl Stream {
         // The pipe is closed before the wait: ffmpeg may still want to write.
         self.frames = None;
         let complaint = match self.finish_ffmpeg(error.as_ref()) {
+            // An answer of a server that does not tell its length has no end that ffmpeg expects.
+            Ok(messages) if messages.contains(UNKNOWN_LENGTH) => None,
             Ok(messages) if !messages.is_empty() => {
                 Some(anyhow!("frames may be missing or damaged, ffmpeg says: {messages}"))
             }
@@ -235,11 +241,7 @@ impl Stream {
         let pause = self.again?;
         thread::sleep(pause);
         self.again = Some((pause * 2).min(PAUSES[1]));
-        let reached = self.start();
-        if reached.is_ok() {
-            self.again = Some(PAUSES[0]);
-        }
-        Some(reached)
+        Some(self.start())
     }
 }
 
@@ -264,11 +266,13 @@ impl Iterator for Stream {
     fn next(&mut self) -> Option<Self::Item> {
         let reached = if self.frames.is_none() { self.call_again()? } else { Ok(()) };
         let frame = self.next_frame;
+        // What is no frame has the number of the next one.
+        let is_tried_again = reached.is_err();
         let picture = match reached {
             Ok(()) => self.next_picture()?.with_context(|| format!("{}, frame {frame}", shown(&self.path))),
             Err(error) => Err(anyhow!("{error:#}; it is tried again")),
         };
-        self.next_frame += 1;
+        self.next_frame += u64::from(!is_tried_again);
         Some((frame, picture))
     }
 }

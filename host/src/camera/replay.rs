@@ -67,7 +67,10 @@ pub fn replay(
                 }
             }
             let picture = match frame.picture {
-                Ok(picture) => picture,
+                Ok(picture) => {
+                    trouble = None;
+                    picture
+                }
                 Err(error) => {
                     // A stream that cannot be opened has no damaged frames.
                     let is_closed = number == before && (is_url(path) || is_stdin(path));
@@ -90,13 +93,15 @@ pub fn replay(
         }
         if is_stdin(path) {
             return match trouble {
-                Some(trouble) if number == 0 => Err(trouble).with_context(|| format!("cannot replay {name}")),
-                _ => Ok(()),
+                Some(trouble) => Err(trouble).with_context(|| format!("cannot replay {name}")),
+                None => Ok(()),
             };
         }
-        // An address may give one picture: it is asked for the next.
+        // An address may give one picture: it is asked for the next. A camera that breaks off is not called at once.
         if is_url(path) && number == before + 1 {
             thread::sleep(Duration::from_secs_f64(1.0 / fps.unwrap_or(PICTURE_FPS).max(0.1)));
+        } else if is_url(path) && number > before {
+            thread::sleep(PAUSES[0]);
         }
         if number == before {
             let trouble = trouble.unwrap_or_else(|| anyhow!("it has no frames"));

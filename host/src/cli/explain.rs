@@ -8,8 +8,8 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result};
 use clap::error::ErrorKind;
-use keygraph::explain::explain;
-use keygraph::input::{Source, is_stdin};
+use keygraph::explain::{TITLES, explain};
+use keygraph::input::{Source, is_stdin, shown};
 use keygraph::output::{Inputs, check_output, plain, print_line, write_file};
 use keygraph::picture::read_framed;
 use keygraph::search::{Profile, Request, depth_of, parse_threshold};
@@ -58,16 +58,22 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode> {
             );
         }
     }
-    let bytes = model_of(picture)?;
+    // Before the work: what would not be written is said at once.
+    fs::create_dir_all(output).with_context(|| format!("cannot make the folder {}", output.display()))?;
+    let inputs = Inputs::of([picture.as_path(), frame.as_path()]);
+    let files: Vec<_> = TITLES.iter().enumerate().map(|(i, title)| format!("{}-{title}.jpg", i + 1)).collect();
+    for name in files.iter().map(String::as_str).chain(["explain.md"]) {
+        check_output(&output.join(name), &inputs)?;
+    }
+    let framed = read_framed(picture, None)?;
+    let bytes = model_of(picture, &framed)?;
     let model = Model::parse(&bytes)?;
     let seen = nth_frame(frame, arguments.index)?;
     let request =
         Request { depth: depth_of(arguments.thorough), ..Request::new(arguments.profile, arguments.threshold) };
-    let explanation = explain(&model, &read_framed(picture, None)?.picture, &seen, &request)?;
-
-    fs::create_dir_all(output).with_context(|| format!("cannot make the folder {}", output.display()))?;
-    let inputs = Inputs::of([picture.as_path(), frame.as_path()]);
-    let mut page = format!("# {} in {}\n\n{}\n", picture.display(), frame.display(), explanation.verdict);
+    let explanation = explain(&model, &framed.picture, &seen, &request)?;
+    let [of, within] = [picture, frame].map(|path| plain(&shown(path)).replace('`', "'"));
+    let mut page = format!("# Why\n\n`{of}` in `{within}`: {}\n", plain(&explanation.verdict));
     print_line(&plain(&explanation.verdict))?;
     if !explanation.advice.is_empty() {
         page.push_str("\n## What to do\n\n");
@@ -76,17 +82,19 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode> {
         writeln!(page, "- {advice}")?;
         print_line(&format!("- {advice}"))?;
     }
-    for (i, chapter) in explanation.chapters.iter().enumerate() {
-        let name = format!("{}-{}.jpg", i + 1, chapter.title);
-        let path = output.join(&name);
-        check_output(&path, &inputs)?;
+    for (title, name) in TITLES.iter().zip(&files) {
+        let path = output.join(name);
+        let Some(chapter) = explanation.chapters.iter().find(|c| c.title == *title) else {
+            // That of a run before would show another frame.
+            let _ = fs::remove_file(&path);
+            continue;
+        };
         chapter.canvas.save(&path)?;
-        let (first, rest) = chapter.title.split_at(1);
+        let (first, rest) = title.split_at(1);
         let title = first.to_uppercase() + rest;
-        write!(page, "\n## {}. {title}\n\n{}\n\n![{title}]({name})\n", i + 1, chapter.text)?;
+        write!(page, "\n## {title}\n\n{}\n\n![{title}]({name})\n", chapter.text)?;
     }
     let path = output.join("explain.md");
-    check_output(&path, &inputs)?;
     write_file(&path, |file| Ok(file.write_all(page.as_bytes())?))?;
     print_line(&format!("{}: the stages, in words and pictures", plain(&path.display().to_string())))?;
     Ok(ExitCode::SUCCESS)
@@ -94,7 +102,7 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode> {
 
 /// Frame `index` of an input.
 fn nth_frame(path: &Path, index: u64) -> Result<keygraph::input::Picture> {
-    let name = if is_stdin(path) { "standard input".into() } else { path.display().to_string() };
+    let name = if is_stdin(path) { "standard input".into() } else { shown(path) };
     let mut source = Source::open(std::slice::from_ref(&path.to_path_buf()))?;
     let frame = source.nth(usize::try_from(index)?);
     frame.with_context(|| format!("{name} has no frame {index}"))?.picture

@@ -9,7 +9,7 @@ use clap::error::ErrorKind;
 use keygraph::advice;
 use keygraph::learn::{Plan, train};
 use keygraph::output::plain;
-use keygraph::picture::read_framed;
+use keygraph::picture::{Framed, read_framed};
 use keygraph_core::Model;
 
 use super::detect::{Search, search};
@@ -37,18 +37,17 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode> {
         let shown = plain(&path.display().to_string()).into_owned();
         usage_error(ErrorKind::ValueValidation, format!("{shown} is a model: use `keygraph detect -m {shown}`"));
     }
-    let model = model_of(path)?;
+    let model = model_of(path, &read_framed(path, None)?)?;
     search(&model, slice::from_ref(path), &arguments.search)
 }
 
-/// The model of a picture. What makes it less useful than it looks is said.
+/// The model of a picture that was read from `path`. What makes it less useful than it looks is said.
 ///
 /// # Errors
-/// When the picture cannot be read or used.
-pub fn model_of(path: &Path) -> Result<Vec<u8>> {
+/// When the picture cannot be used.
+pub fn model_of(path: &Path, framed: &Framed) -> Result<Vec<u8>> {
     let label = plain(&path.display().to_string()).into_owned();
-    let framed = read_framed(path, None)?;
-    for said in advice::framing(&framed, path, None) {
+    for said in advice::framing(framed, path, None) {
         eprintln!("keygraph: {}", plain(&said));
     }
     let (plan, name) = (Plan::default(), name_of(path));

@@ -24,12 +24,15 @@ const LOOKS_RIGHT: f32 = 0.3;
 /// Score from which a pose that is not believed is worth a look.
 const NEARLY: f32 = 0.2;
 
+/// The titles of all chapters, in their order.
+pub const TITLES: [&str; 7] = ["corners", "triangles", "keygraph", "matches", "votes", "poses", "look"];
+
 /// One stage of the explanation.
 #[derive(Debug)]
 pub struct Chapter {
-    /// What it is about.
+    /// What it is about: one of [`TITLES`].
     pub title: &'static str,
-    /// The picture; its file is named after its place and the title.
+    /// The picture.
     pub canvas: Canvas,
     /// What the picture shows, and what the stage made.
     pub text: String,
@@ -91,12 +94,13 @@ pub fn explain(model: &Model<'_>, picture: &Picture, frame: &Picture, request: &
 /// Other ways to search a frame in which nothing was found: the option, and whether it finds something.
 fn trials(model: &Model<'_>, frame: &Picture, request: &Request) -> Result<Vec<(&'static str, Found)>> {
     let plain = Request { budget: None, ..*request };
-    let mut ways = vec![
-        ("--mirror", Request { mirror: !request.mirror, ..plain }),
-        ("--thorough", Request { depth: depth_of(true), ..plain }),
-    ];
-    let (side, _) = request.profile.limits();
-    if frame.width.max(frame.height) as usize > side && request.profile != Profile::Hd {
+    let mut ways = vec![("--mirror", Request { mirror: !request.mirror, ..plain })];
+    if request.depth != depth_of(true) {
+        ways.push(("--thorough", Request { depth: depth_of(true), ..plain }));
+    }
+    let (side, pixels) = request.profile.limits();
+    let is_scaled = fit(frame, side, pixels).width < frame.width as usize;
+    if is_scaled && request.profile != Profile::Hd {
         ways.push(("--profile hd", Request { profile: Profile::Hd, ..plain }));
         ways.push(("--profile hd --thorough", Request { profile: Profile::Hd, depth: depth_of(true), ..plain }));
     }
@@ -158,10 +162,14 @@ impl Case<'_> {
                 canvas: draw::corners(frame, &trace.levels),
                 text: format!(
                     "Corners are places whose surroundings change in every direction. Each level of the pyramid has its \
-                     own: {} corners ({} of the frame's size). Green: the finest level. Blue: coarser levels, larger dots. \
+                     own: {} corners{}. Green: the finest level. Blue: coarser levels, larger dots. \
                      The object needs corners on it; a blurred, dark or plain object has none.",
                     trace.corners(),
-                    sizes.join(", ")
+                    if sizes.is_empty() {
+                        String::new()
+                    } else {
+                        format!(" ({} of the frame's size)", sizes.join(", "))
+                    }
                 ),
             },
             Chapter {
@@ -241,7 +249,7 @@ impl Case<'_> {
         }
         for (option, found) in trials {
             let score = found.detections.first().map_or(0.0, |d| d.score);
-            advice.push(format!("With {option} it is found, with a score of {score:.2}: use that option."));
+            advice.push(format!("`detect {option}` finds it, with a score of {score:.2}."));
         }
         let luma = mean_luma(&self.shown);
         if luma < DARK {
@@ -259,8 +267,9 @@ impl Case<'_> {
         let [w, h] = [self.shown.width(), self.shown.height()];
         if trials.is_empty() && width > w {
             advice.push(format!(
-                "The frame was scaled from {width}x{height} to {w}x{h} px. A small object has more pixels with --profile \
-                 hd, or with --roi around its place."
+                "The frame was scaled from {width}x{height} to {w}x{h} px. A small object has more pixels with {}--roi \
+                 around its place.",
+                if self.request.profile == Profile::Hd { "" } else { "--profile hd, or with " }
             ));
         }
         let share = self.look.as_ref().map_or(0.0, |(_, share)| *share);

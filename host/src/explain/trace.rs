@@ -38,6 +38,8 @@ pub struct Trace {
     pub grown: usize,
     /// Poses that were aligned to the frame.
     pub aligned: Vec<Detection>,
+    /// Number of corners of levels without keygraphs.
+    unplaced: usize,
     /// Corners and triples of the level that is being searched.
     points: Vec<Point>,
     triples: Vec<[u16; 3]>,
@@ -55,8 +57,11 @@ impl Observer for Trace {
             Output::Corners(points) => self.points = points.to_vec(),
             Output::Triangles(triples) => self.triples = triples.to_vec(),
             Output::Keygraphs(keygraphs) => {
-                // A level without keygraphs has nothing to show.
-                let Some(level) = keygraphs.first().map(|k| k.level) else { return };
+                // Nothing says which level has no keygraphs.
+                let Some(level) = keygraphs.first().map(|k| k.level) else {
+                    self.unplaced += self.points.len();
+                    return;
+                };
                 self.in_tiles |= self.levels.iter().any(|l| l.level == level);
                 if !self.in_tiles {
                     let corners: Vec<_> = self.points.iter().map(|&p| to_level0(p, usize::from(level))).collect();
@@ -114,7 +119,7 @@ impl Trace {
     /// Number of corners on all levels.
     #[must_use]
     pub fn corners(&self) -> usize {
-        self.levels.iter().map(|l| l.corners.len()).sum()
+        self.unplaced + self.levels.iter().map(|l| l.corners.len()).sum::<usize>()
     }
 
     /// Number of keygraphs on all levels.

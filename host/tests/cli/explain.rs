@@ -34,7 +34,7 @@ fn what_would_help_is_said() {
     let plain = folder.join("plain.png");
     image::RgbImage::from_pixel(640, 480, image::Rgb([128; 3])).save(&plain).unwrap();
     for (shown, expected) in [
-        (mirrored, "With --mirror it is found, with a score of 1.00"),
+        (mirrored, "`detect --mirror` finds it, with a score of 1.00"),
         (plain, "The frame has 0 corners"),
         (frame(25), "Is the object in the frame at all?"),
     ] {
