@@ -149,7 +149,7 @@ impl Patient {
 
     /// Whether the stream is known to be at its end, or becomes so within `time`.
     pub(crate) fn ends_within(&mut self, time: Duration) -> bool {
-        if (self.rest.position() as usize) < self.rest.get_ref().len() {
+        if self.rest.position() < self.rest.get_ref().len() as u64 {
             return false;
         }
         match self.chunks.recv_timeout(time) {
