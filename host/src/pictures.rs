@@ -17,7 +17,7 @@ use crate::ffmpeg::Patient;
 /// Maximum size of a picture in a stream, bytes.
 const MAX_BYTES: usize = 400_000_000;
 /// Time in which the end of a stream is waited for, so that one picture is known to be the only one.
-const END: Duration = Duration::from_millis(50);
+const END: Duration = Duration::from_millis(250);
 
 /// What a picture that ends too early is called.
 const CUT: &str = "the stream ends inside a picture";
@@ -220,7 +220,7 @@ mod tests {
     #[test]
     fn filling_without_an_end_takes_no_memory() {
         let mut stream = jpeg(8)[..2].to_vec();
-        stream.extend([0xFF; 5_000_000]);
+        stream.extend(std::iter::repeat_n(0xFF, 5_000_000));
         assert_says(all(&stream).pop().expect("an error"), "ends inside a picture");
         let mut picture = Vec::new();
         let mut pictures = Pictures::new(std::io::Cursor::new(stream));

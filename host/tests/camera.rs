@@ -136,7 +136,9 @@ fn standard_input_is_replayed_to_its_end() {
     let arguments = ["camera", "--replay", "-", "-m", &astronaut, "--json", "--profile", "qvga", "--fps", "5"];
     let run = program::run_in(&folder.0, &arguments, &motion).ended_with(0);
     let lines = run.lines();
-    assert_eq!(lines.len(), 3, "{}", run.out);
+    // A busy machine may be too slow for a frame in the middle. The last one is never left out.
+    let last = lines.last().unwrap();
+    assert_eq!((&last["frame"], lines.len() as u64 + last["dropped"].as_u64().unwrap()), (&2.into(), 3), "{}", run.out);
     assert!(lines.iter().all(|l| l["detections"][0]["object"] == "astronaut" && l["source"] == "-"), "{}", run.out);
     program::run_in(&folder.0, &arguments, b"").refused_with(&["standard input", "is empty"]);
 }

@@ -231,10 +231,12 @@ fn take_picture(frames: &Slot<Captured>, countdown: Duration) -> Option<Picture>
 
 /// Starts the log on standard error.
 fn log_to_standard_error(level: LevelFilter) {
+    // The convention of no-color.org.
+    let is_plain = std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty());
     let log = tracing_subscriber::fmt()
         .with_max_level(level)
         .with_target(false)
-        .with_ansi(io::stderr().is_terminal())
+        .with_ansi(io::stderr().is_terminal() && !is_plain)
         .with_writer(io::stderr);
     // The journal of systemd adds its own times. A second call, in a test, changes nothing.
     let _ = if std::env::var_os("JOURNAL_STREAM").is_some() { log.without_time().try_init() } else { log.try_init() };
