@@ -18,7 +18,6 @@ use embedded_graphics::primitives::Rectangle;
 use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder, ImageResult};
-use keygraph_core::Homography;
 
 use crate::output::write_file;
 use crate::picture::{Picture, Pixels, extension};
@@ -63,31 +62,9 @@ impl Canvas {
         Self { rgb: self.rgb.as_chunks::<3>().0.iter().flat_map(gray).collect(), ..*self }
     }
 
-    /// A canvas whose pixels are those of this one where `map` carries them, between four pixels mixed, and
-    /// white outside.
-    #[must_use]
-    pub fn warped(&self, map: &Homography, width: u32, height: u32) -> Self {
-        let place = |i: u32| map.apply([(i % width) as f32, (i / width) as f32]);
-        Self { width, height, rgb: (0..width * height).flat_map(|i| self.between(place(i))).collect() }
-    }
-
-    /// The colour at a place between pixels; white outside.
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "places in the canvas")]
-    fn between(&self, [x, y]: [f32; 2]) -> [u8; 3] {
-        let [w, h] = [self.width, self.height].map(|v| v as usize);
-        // Also false where a value is not a number.
-        if !(x >= 0.0 && y >= 0.0 && x <= (w - 1) as f32 && y <= (h - 1) as f32) {
-            return [255; 3];
-        }
-        let (left, top) = (x as usize, y as usize);
-        let (right, bottom) = ((left + 1).min(w - 1), (top + 1).min(h - 1));
-        let (fx, fy) = (x - left as f32, y - top as f32);
-        let at = |x: usize, y: usize, i: usize| f32::from(self.rgb[3 * (y * w + x) + i]);
-        [0, 1, 2].map(|i| {
-            let upper = at(left, top, i) * (1.0 - fx) + at(right, top, i) * fx;
-            let lower = at(left, bottom, i) * (1.0 - fx) + at(right, bottom, i) * fx;
-            (upper * (1.0 - fy) + lower * fy + 0.5) as u8
-        })
+    /// The pixels, in rows from the top.
+    pub(crate) fn pixels_mut(&mut self) -> &mut [[u8; 3]] {
+        self.rgb.as_chunks_mut().0
     }
 
     /// Copies a canvas that is not higher into this one, from column `left` on. What does not fit is left out.

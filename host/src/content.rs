@@ -7,7 +7,7 @@ use std::io::Read;
 use std::path::Path;
 
 /// Extensions of pictures that are read.
-pub(crate) const PICTURES: [&str; 10] = ["png", "jpg", "jpeg", "webp", "bmp", "tif", "tiff", "avif", "heic", "heif"];
+const PICTURES: [&str; 10] = ["png", "jpg", "jpeg", "webp", "bmp", "tif", "tiff", "avif", "heic", "heif"];
 
 /// Extensions of videos. An animated GIF is one.
 const VIDEOS: [&str; 16] =
@@ -128,6 +128,11 @@ pub(crate) fn hide(address: &Path, text: &str) -> String {
     hidden
 }
 
+/// Whether an address is that of a camera by RTSP.
+pub(crate) fn is_rtsp(path: &Path) -> bool {
+    is_url(path) && scheme(path).is_some_and(|s| s.to_ascii_lowercase().starts_with("rtsp"))
+}
+
 /// The part of an address before its query.
 pub(crate) fn without_query(address: &Path) -> &str {
     address.to_str().and_then(|text| text.split(['?', '#']).next()).unwrap_or_default()
@@ -137,12 +142,12 @@ pub(crate) fn without_query(address: &Path) -> &str {
 /// pieces (HLS), come as fast as they are read.
 pub(crate) fn is_live(path: &Path) -> bool {
     let file = Path::new(without_query(path));
-    let is_camera = scheme(path).is_some_and(|s| s.to_ascii_lowercase().starts_with("rtsp"));
-    is_url(path) && (is_camera || !(is_named_video(file) || extension(file) == "m3u8"))
+    is_url(path) && (is_rtsp(path) || !(is_named_video(file) || extension(file) == "m3u8"))
 }
 
-/// The extension of a name in small letters; empty when it has none.
-pub(crate) fn extension(path: &Path) -> String {
+/// The extension of a path in small letters; empty when it has none.
+#[must_use]
+pub fn extension(path: &Path) -> String {
     path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default()
 }
 
@@ -157,9 +162,7 @@ pub(crate) fn is_named_video(path: &Path) -> bool {
 }
 
 fn has_extension(path: &Path, extensions: &[&str]) -> bool {
-    path.extension()
-        .and_then(|extension| extension.to_str())
-        .is_some_and(|extension| extensions.iter().any(|e| e.eq_ignore_ascii_case(extension)))
+    extensions.contains(&extension(path).as_str())
 }
 
 /// Whether a path is read as a video: `-`, an address, a file that starts like a YUV4MPEG2 stream, a

@@ -103,7 +103,7 @@ fn to_px(v: f32) -> usize {
 
 /// The colour at a point of a picture of `w` x `h` px. Outside of it, the colour of its border.
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a mean of bytes")]
-fn sample(rgb: &[u8], (w, h): (usize, usize), [x, y]: [f32; 2]) -> [u8; 3] {
+pub(crate) fn sample(rgb: &[u8], (w, h): (usize, usize), [x, y]: [f32; 2]) -> [u8; 3] {
     let (x, y) = (x.clamp(0.0, (w - 1) as f32), y.clamp(0.0, (h - 1) as f32));
     let (left, top) = (to_px(x), to_px(y));
     let (right, bottom) = ((left + 1).min(w - 1), (top + 1).min(h - 1));

@@ -13,7 +13,7 @@ use std::time::Duration;
 
 use anyhow::{Context, Result, anyhow, ensure};
 
-use crate::content::{extension, is_stdin, is_url, scheme, without_query};
+use crate::content::{extension, is_rtsp, is_stdin, is_url, without_query};
 
 /// Filter of ffmpeg that drops the last column or row of an odd size, which 4:2:0 cannot
 /// halve.
@@ -72,7 +72,7 @@ fn input_arguments(path: &Path) -> Vec<OsString> {
     // A file that names others must not reach into the network, nor to the files of this machine.
     if is_url(path) {
         add(&["-protocol_whitelist", PROTOCOLS, "-format_whitelist", &format!("{FORMATS},{REMOTE_FORMATS}")]);
-        if scheme(path).is_some_and(|s| s.to_ascii_lowercase().starts_with("rtsp")) {
+        if is_rtsp(path) {
             // Datagrams get lost; what a camera cannot send otherwise still comes so.
             add(&["-rtsp_flags", "prefer_tcp"]);
         } else {

@@ -19,7 +19,8 @@ const MOST_PIXELS: u64 = 100_000_000;
 /// and opacity. A picture of 16 bits a sample can have half of the pixels.
 const PIXEL_BYTES: u64 = 4;
 
-use crate::content::{self, Content};
+use crate::content::Content;
+pub use crate::content::extension;
 use crate::ffmpeg::{Ffmpeg, picture_arguments};
 use crate::file::read_whole;
 
@@ -144,12 +145,6 @@ pub struct Framed {
 
 /// Extensions of the pictures that can be written.
 pub const EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
-
-/// The extension of a path in small letters; empty when it has none.
-#[must_use]
-pub fn extension(path: &Path) -> String {
-    content::extension(path)
-}
 
 /// Decodes the file of a picture. The picture is turned upright as its EXIF orientation
 /// says, mixed with white where it is transparent, and has 8 bits a sample.

@@ -11,13 +11,14 @@ use std::fmt;
 use std::fs::{self, File};
 use std::io::{self, Cursor, Read};
 use std::path::{Path, PathBuf};
+use std::process::ChildStdout;
 use std::thread;
 use std::time::Duration;
 
 use anyhow::{Context, Error, Result, anyhow, ensure};
 use tempfile::NamedTempFile;
 
-use crate::content::{Content, JPEG, PNG, START_BYTES, hide, is_live, is_stdin, is_url, shown};
+use crate::content::{Content, START_BYTES, hide, is_live, is_rtsp, is_stdin, is_url, shown};
 use crate::ffmpeg::{Ffmpeg, Patient, decoding_arguments, pump};
 use crate::picture::{Picture, by_ffmpeg, decode};
 use crate::pictures::Pictures;
@@ -84,7 +85,6 @@ impl Stream {
     /// # Errors
     /// When it cannot be opened, or does not start as a video does.
     pub(crate) fn open(path: &Path, reconnect: bool) -> Result<Self> {
-        let is_camera = path.to_str().is_some_and(|text| text.to_ascii_lowercase().starts_with("rtsp"));
         let mut stream = Self {
             path: path.to_path_buf(),
             next_frame: 0,
@@ -94,7 +94,7 @@ impl Stream {
             frames: None,
             ffmpeg: None,
             spooled: None,
-            again: (reconnect && is_url(path) && is_camera).then_some(PAUSES[0]),
+            again: (reconnect && is_rtsp(path)).then_some(PAUSES[0]),
         };
         stream.start()?;
         Ok(stream)
@@ -111,11 +111,9 @@ impl Stream {
             let file = File::open(&path).with_context(|| format!("cannot open {name}"))?;
             return self.start_planes(Box::new(file)).context(name);
         }
-        let mut ffmpeg = Ffmpeg::start(&decoding_arguments(&path))?;
-        let output = ffmpeg.child.stdout.take().context("ffmpeg has no output")?;
+        let output = self.start_ffmpeg(&path)?;
         // A camera at an address may stop to send without an end.
         let output: Bytes = if is_url(&path) { Box::new(Patient::new(output)) } else { Box::new(output) };
-        self.ffmpeg = Some(ffmpeg);
         self.start_planes(output).context(name)
     }
 
@@ -125,24 +123,21 @@ impl Stream {
         io::stdin().take(START_BYTES as u64).read_to_end(&mut start).context("cannot be read")?;
         ensure!(!start.is_empty(), "is empty; give a picture or a video");
         let content = Content::told_by(&start);
-        let is_one_of_many = start.starts_with(JPEG) || start.starts_with(PNG);
         let is_file = is_only_a_file(&mut start)?;
         let whole = Cursor::new(start).chain(io::stdin());
         match content {
             Content::Yuv4Mpeg => self.start_planes(Box::new(whole)),
             Content::Picture => {
                 // Such a stream has no rate: its frames come when they were taken.
-                (self.live, self.still) = (is_one_of_many, !is_one_of_many);
-                self.frames = Some(Frames::Pictures(Pictures::new(Box::new(whole))));
+                self.live = true;
+                self.frames = Some(Frames::Pictures(Pictures::new(whole)));
                 Ok(())
             }
             Content::Foreign | Content::Other if is_file => self.start_spooled(whole, content),
             Content::Foreign | Content::Other => {
-                let mut ffmpeg = Ffmpeg::start(&decoding_arguments(&self.path))?;
-                let output = ffmpeg.child.stdout.take().context("ffmpeg has no output")?;
-                let input = ffmpeg.child.stdin.take().context("ffmpeg has no input")?;
-                pump(whole, input);
-                self.ffmpeg = Some(ffmpeg);
+                let output = self.start_ffmpeg(&self.path.clone())?;
+                let input = self.ffmpeg.as_mut().and_then(|ffmpeg| ffmpeg.child.stdin.take());
+                pump(whole, input.context("ffmpeg has no input")?);
                 self.start_planes(Box::new(output)).context("it is neither a picture nor a video that is known")
             }
         }
@@ -154,14 +149,20 @@ impl Stream {
         io::copy(&mut whole, &mut file).context("cannot be kept in a temporary file")?;
         if content == Content::Foreign {
             let png = by_ffmpeg(&fs::read(file.path())?)?;
-            self.still = true;
-            self.frames = Some(Frames::Pictures(Pictures::new(Box::new(Cursor::new(png)))));
+            self.frames = Some(Frames::Pictures(Pictures::new(Cursor::new(png))));
             return Ok(());
         }
-        let mut ffmpeg = Ffmpeg::start(&decoding_arguments(file.path()))?;
-        let output = ffmpeg.child.stdout.take().context("ffmpeg has no output")?;
-        (self.ffmpeg, self.spooled) = (Some(ffmpeg), Some(file));
+        let output = self.start_ffmpeg(file.path())?;
+        self.spooled = Some(file);
         self.start_planes(Box::new(output))
+    }
+
+    /// Starts ffmpeg, and returns its output.
+    fn start_ffmpeg(&mut self, path: &Path) -> Result<ChildStdout> {
+        let mut ffmpeg = Ffmpeg::start(&decoding_arguments(path))?;
+        let output = ffmpeg.child.stdout.take().context("ffmpeg has no output");
+        self.ffmpeg = Some(ffmpeg);
+        output
     }
 
     fn start_planes(&mut self, bytes: Bytes) -> Result<()> {

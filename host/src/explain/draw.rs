@@ -8,6 +8,7 @@ use keygraph_core::{Detection, Homography};
 use super::trace::{Level, Pair, Trace};
 use crate::annotate::{Colour, PALETTE, draw_corners, draw_dots, draw_lines, draw_triangles};
 use crate::canvas::Canvas;
+use crate::cutout::sample;
 
 /// Side of the squares in which two views of a keygraph are shown, px.
 const PATCH: u32 = 320;
@@ -53,7 +54,7 @@ pub fn keygraph(frame: &Canvas, picture: &Canvas, pair: &Pair) -> Canvas {
     let shown = [[0.2, 0.75], [0.8, 0.75], [0.45, 0.2]].map(|p: [f32; 2]| p.map(|v| v * side));
     let patch = |from: &Canvas, triangle: [[f32; 2]; 3]| {
         let map = affine(&shown, &triangle);
-        let mut patch = map.map_or_else(|| Canvas::plain(PATCH, PATCH), |map| from.warped(&map, PATCH, PATCH));
+        let mut patch = map.map_or_else(|| Canvas::plain(PATCH, PATCH), |map| warped(from, &map, [PATCH; 2]));
         draw_triangles(&mut patch, &[shown], YELLOW);
         patch
     };
@@ -65,7 +66,7 @@ pub fn keygraph(frame: &Canvas, picture: &Canvas, pair: &Pair) -> Canvas {
 pub fn matches(frame: &Canvas, picture: &Canvas, pairs: &[Pair]) -> Canvas {
     let scale = (frame.height() as f32 / picture.height() as f32).min(1.0);
     let [width, height] = [picture.width(), picture.height()].map(|v| ((v as f32 * scale) as u32).max(1));
-    let small = picture.warped(&Homography::scaling([1.0 / scale; 2]), width, height);
+    let small = warped(picture, &Homography::scaling([1.0 / scale; 2]), [width, height]);
     let mut canvas = beside(&[small.dimmed(), frame.dimmed()]);
     let offset = (width + GAP) as f32;
     // Evenly over all, so that small triangles are shown too.
@@ -109,8 +110,8 @@ pub fn poses(frame: &Canvas, looked_at: &[Detection], believed: &[Detection]) ->
 pub fn look(frame: &Canvas, picture: &Canvas, homography: &Homography) -> (Canvas, f32) {
     let (w, h) = (picture.width() as f32, picture.height() as f32);
     let to_picture = Homography::scaling([w / FLAT as f32, h / FLAT as f32]);
-    let expected = picture.warped(&to_picture, FLAT, FLAT);
-    let seen = frame.warped(&homography.after(&to_picture), FLAT, FLAT);
+    let expected = warped(picture, &to_picture, [FLAT; 2]);
+    let seen = warped(frame, &homography.after(&to_picture), [FLAT; 2]);
     let mut verdict = seen.dimmed();
     let side = FLAT as usize / BLOCKS;
     let (mut agree, mut count) = (0_u32, 0_u32);
@@ -152,6 +153,19 @@ fn correlation(a: &Canvas, b: &Canvas, [x, y]: [usize; 2], side: usize) -> Optio
 /// The affine map that carries one triangle to another; `None` when the first has no area.
 fn affine(from: &[[f32; 2]; 3], to: &[[f32; 2]; 3]) -> Option<Homography> {
     keygraph_core::stages::verify::affine_through(from, to)
+}
+
+/// A canvas of this size whose pixels are those of another one where `map` carries them, white outside of it.
+fn warped(from: &Canvas, map: &Homography, [width, height]: [u32; 2]) -> Canvas {
+    let mut to = Canvas::plain(width, height);
+    let size = (from.width() as usize, from.height() as usize);
+    for (i, pixel) in to.pixels_mut().iter_mut().enumerate() {
+        let [x, y] = map.apply([(i % width as usize) as f32, (i / width as usize) as f32]);
+        if (0.0..size.0 as f32).contains(&x) && (0.0..size.1 as f32).contains(&y) {
+            *pixel = sample(from.rgb(), size, [x, y]);
+        }
+    }
+    to
 }
 
 fn middle(triangle: &[[f32; 2]; 3]) -> [f32; 2] {

@@ -41,8 +41,6 @@ pub struct Chapter {
 /// Why an object is found, or is not.
 #[derive(Debug)]
 pub struct Explanation {
-    /// Whether it is found.
-    pub found: bool,
     /// One sentence.
     pub verdict: String,
     /// What to do, most helpful first; nothing where all is well.
@@ -81,25 +79,24 @@ pub fn explain(model: &Model<'_>, picture: &Picture, frame: &Picture, request: &
     let picture = Canvas::from_picture(picture);
     let look = best.map(|d| draw::look(&shown, &picture, &d.homography));
     let case = Case { model, picture, shown, trace, found, best, look, pairs, request };
-    let trials = if case.found.is_empty() { trials(model, frame, request)? } else { Vec::new() };
+    let is_scaled = scaled.width < frame.width as usize;
+    let trials = if case.found.is_empty() { trials(model, frame, request, is_scaled)? } else { Vec::new() };
     let chapters = case.chapters();
-    Ok(Explanation {
-        found: !case.found.is_empty(),
-        verdict: case.verdict(),
-        advice: case.advice(&trials, (frame.width, frame.height)),
-        chapters,
-    })
+    Ok(Explanation { verdict: case.verdict(), advice: case.advice(&trials, (frame.width, frame.height)), chapters })
 }
 
 /// Other ways to search a frame in which nothing was found: the option, and whether it finds something.
-fn trials(model: &Model<'_>, frame: &Picture, request: &Request) -> Result<Vec<(&'static str, Found)>> {
+fn trials(
+    model: &Model<'_>,
+    frame: &Picture,
+    request: &Request,
+    is_scaled: bool,
+) -> Result<Vec<(&'static str, Found)>> {
     let plain = Request { budget: None, ..*request };
     let mut ways = vec![("--mirror", Request { mirror: !request.mirror, ..plain })];
     if request.depth != depth_of(true) {
         ways.push(("--thorough", Request { depth: depth_of(true), ..plain }));
     }
-    let (side, pixels) = request.profile.limits();
-    let is_scaled = fit(frame, side, pixels).width < frame.width as usize;
     if is_scaled && request.profile != Profile::Hd {
         ways.push(("--profile hd", Request { profile: Profile::Hd, ..plain }));
         ways.push(("--profile hd --thorough", Request { profile: Profile::Hd, depth: depth_of(true), ..plain }));
