@@ -34,6 +34,32 @@ skip() {
   echo "SKIPPED: $1 is missing; install it with: $2" >&2
 }
 
+# Runs a command beside what comes after it; `together` shows what it printed and fails if it failed.
+#   meanwhile TITLE COMMAND...
+meanwhile() {
+  local title=$1 log
+  log=$(mktemp)
+  shift
+  "$@" >"$log" 2>&1 &
+  meanwhile_titles+=("$title")
+  meanwhile_logs+=("$log")
+  meanwhile_pids+=("$!")
+}
+meanwhile_titles=() meanwhile_logs=() meanwhile_pids=()
+
+# Waits for what `meanwhile` started. Shows the output of each, and ends the script if one failed.
+together() {
+  local i failed=
+  for i in "${!meanwhile_pids[@]}"; do
+    wait "${meanwhile_pids[i]}" || failed+=" ${meanwhile_titles[i]}"
+    step "${meanwhile_titles[i]}, beside the others"
+    cat "${meanwhile_logs[i]}"
+    rm -f "${meanwhile_logs[i]}"
+  done
+  meanwhile_titles=() meanwhile_logs=() meanwhile_pids=()
+  [ -z "$failed" ] || fail "failed:$failed"
+}
+
 # Ends the script when there is no Rust.
 need_rust() {
   command -v cargo >/dev/null || fail "Rust is missing: install it as https://rustup.rs says, then run this again."
