@@ -17,6 +17,11 @@
     python3 scripts/evaluate growth          docs/growth.png, .json: time, against
                                              objects, keygraphs, corners and pixels
     python3 scripts/evaluate rivals          time beside OpenCV, a table
+    python3 scripts/evaluate mixed           time by what a frame shows, beside OpenCV
+    python3 scripts/evaluate costs           time of whole commands
+    python3 scripts/evaluate measure         all of these for the pages: their records
+                                             (benches/record, docs/*.json), figures
+                                             and tables; scripts/measure runs it
 
 Needs `cargo build --release`. The packages numpy, opencv-python-headless and matplotlib,
 and for `fit` scikit-learn, are installed into out/evaluate where they are missing. The
@@ -50,6 +55,7 @@ tables a few minutes.
 import argparse
 import importlib
 import os
+import sys
 import tempfile
 
 from packages import need
@@ -66,9 +72,13 @@ MODULES = {
     "fit": "fit",
     "growth": "growth",
     "rivals": "rivals",
+    "mixed": "mixed",
+    "costs": "measure",
+    "tracking": "measure",
+    "measure": "measure",
 }
 # Modules that a command needs beside cv2 and numpy, where it is not matplotlib.
-OTHER_PACKAGES = {"rivals": [], "fit": ["matplotlib", "sklearn"]}
+OTHER_PACKAGES = {"rivals": [], "costs": [], "tracking": [], "fit": ["matplotlib", "sklearn"]}
 OBJECTS = [os.path.join(PICTURES, f"{name}.jpg") for name in ("astronaut", "chelsea", "coffee", "hubble", "rocket")]
 
 
@@ -112,6 +122,12 @@ def parser():
     add_fit(command("fit", "Fits the score of the core anew"))
     add_growth(command("growth", "Time, against objects, keygraphs, corners and pixels"))
     add_rivals(command("rivals", "Time beside OpenCV, on the same frames"))
+    c = command("mixed", "Time of frames that show the object plainly, hardly and not at all, beside OpenCV")
+    add_pictures(c)
+    add_frames(c, 40, "of each kind and object")
+    command("costs", "Time of training, of a folder of frames and of a start")
+    add_tracking(command("tracking", "Tracking beside searching every frame"))
+    add_measure(command("measure", "Measures what the pages show, and writes records, figures and tables"))
     return p
 
 
@@ -269,7 +285,25 @@ def add_rivals(c):
     c.add_argument("--frames", default=SEQUENCE, metavar="DIR", help="a folder of frames [default: assets/sequence]")
     c.add_argument("--passes", type=positive, default=5, metavar="N", help="times that each frame is taken")
     c.add_argument("--presets", nargs="+", default=["large", "standard", "compact"], metavar="PRESET")
-    c.add_argument("--record", metavar="DIR", help="leave the table and all numbers here, as DATE.md and DATE.json")
+
+
+def add_tracking(c):
+    """Options of `tracking`."""
+    c.add_argument("--videos", nargs="*", default=[], metavar="TRUTH.json", help="truth files of videos")
+
+
+def add_measure(c):
+    """Options of `measure`."""
+    c.add_argument("parts", nargs="*", metavar="PART", help="what is measured [default: all that --help lists]")
+    c.add_argument(
+        "--pages", action="store_true", help="measure nothing; write the tables of the pages from the records"
+    )
+    c.add_argument(
+        "--scores",
+        metavar="DIR",
+        help="JSON files of a scorer of photographs: large.json, standard.json, ... (accuracy)",
+    )
+    c.add_argument("--videos", nargs="*", default=[], metavar="TRUTH.json", help="truth files of videos (tracking)")
 
 
 def positive(text):
@@ -280,17 +314,24 @@ def positive(text):
     return n
 
 
+def run(command, arguments):
+    """Runs a command with these arguments; gives what it measured."""
+    args = parser().parse_args([command, *arguments])
+    module = importlib.import_module(MODULES[command])
+    args.run = run
+    with tempfile.TemporaryDirectory(prefix="keygraph-") as folder:
+        return getattr(module, command.replace("-", "_"))(args, folder)
+
+
 def main():
     """Runs the command that is asked for."""
-    args = parser().parse_args()
-    need(["cv2", "numpy", *OTHER_PACKAGES.get(args.command, ["matplotlib"])])
-    module = importlib.import_module(MODULES[args.command])
+    command = parser().parse_args().command
+    need(["cv2", "numpy", *OTHER_PACKAGES.get(command, ["matplotlib"])])
     import cv2
 
     cv2.setNumThreads(1)
     cv2.setRNGSeed(1)
-    with tempfile.TemporaryDirectory(prefix="keygraph-") as folder:
-        getattr(module, args.command.replace("-", "_"))(args, folder)
+    run(command, sys.argv[2:])
 
 
 if __name__ == "__main__":

@@ -41,6 +41,8 @@ def calibration(args, folder):
     print_reliability(scored.pairs, args.bins)
     for score, where in sorted(scored.wrong, reverse=True):
         print(f"wrong: {score:.3f}, {where}")
+    told = sum(score >= THRESHOLD for score, _ in scored.pairs)
+    return {"detections": told, "wrong": len(scored.wrong), "wrong_where": [where for _, where in sorted(scored.wrong)]}
 
 
 class Scored:
@@ -113,6 +115,14 @@ def false_alarms(args, folder):
             if alarms.pairs == before:
                 sys.exit("every frame may show every object: give more --objects")
     alarms.print(args.threshold)
+    false = sum(s >= THRESHOLD for s in alarms.scores)
+    return {
+        "pairs": alarms.pairs,
+        "objects": len(objects),
+        "detections": false,
+        "scores": sorted(s for s in alarms.scores if s >= THRESHOLD),
+        "fewer_than_one_in": alarms.pairs / upper_limit(false),
+    }
 
 
 class Alarms:

@@ -52,7 +52,7 @@ def curves(args, folder):
         "found": {f: {label: [n / shown for n in line] for label, line in lines.items()} for f, lines in found.items()},
         "time_ms": {label: round(median_time(ms), 1) for label, ms in times.items()},
     }
-    return save(draw_curves(numbers), numbers, args.out)
+    return save(draw_curves(numbers), numbers, args.out, args.keygraph)
 
 
 def sweep_factor(studio, sweep, objects, detectors, frames, times, progress):
@@ -104,7 +104,7 @@ def economy(args, folder):
     numbers = {"objects": len(objects), "frames": args.frames, "seed": args.seed}
     shown = len(objects) * args.frames
     numbers["found"] = {label: line_of(lines[label], found[label], objects, shown) for label in lines}
-    return save(draw_economy(numbers), numbers, args.out)
+    return save(draw_economy(numbers), numbers, args.out, args.keygraph)
 
 
 def sized_detectors(args, folder):
@@ -165,11 +165,14 @@ def precision(args, folder):
                             outlines[detector.label].append((verdict, error, shift))
             studio.clear(shot)
             progress.add(len(shot))
-    print_precision(outlines, args.scale, len(objects) * args.frames)
+    return {"scale": args.scale, "frames": len(objects) * args.frames} | print_precision(
+        outlines, args.scale, len(objects) * args.frames
+    )
 
 
 def print_precision(outlines, scale, shown):
-    """Prints the table of errors, a line for each detector."""
+    """Prints the table of errors, a line for each detector; gives its numbers."""
+    numbers = {}
     print(
         f"| scale {scale:g} | found of {shown} | tight | median, px | 90th percentile, px | mean shift x, y, px |\n"
         "| --- | --- | --- | --- | --- | --- |"
@@ -182,6 +185,7 @@ def print_precision(outlines, scale, shown):
         tight = sum(verdict is Verdict.TIGHT for verdict, _, _ in right)
         x, y = (statistics.fmean(shift[i] for _, _, shift in right) for i in (0, 1))
         most = statistics.quantiles(errors, n=10, method="inclusive")[-1] if len(errors) > 1 else errors[0]
-        print(
-            f"| {label} | {len(right)} | {tight} | {statistics.median(errors):.3f} | {most:.3f} | {x:+.3f}, {y:+.3f} |"
-        )
+        median = statistics.median(errors)
+        print(f"| {label} | {len(right)} | {tight} | {median:.3f} | {most:.3f} | {x:+.3f}, {y:+.3f} |")
+        numbers[label] = {"found": len(right), "tight": tight, "median_px": median, "p90_px": most}
+    return numbers

@@ -42,7 +42,7 @@ def look_alikes(args, folder):
     some = [row for row in looks.scored if row[2] not in MOSTLY_SHARED]
     title = f"Without {', '.join(MOSTLY_SHARED)}, of which half or more is shared:"
     numbers["reliability"]["less than half shared"] = print_scores(title, some, args.bins)
-    return save(draw_look_alikes(numbers), numbers, args.out)
+    return save(draw_look_alikes(numbers), numbers, args.out, args.keygraph)
 
 
 class Looks:

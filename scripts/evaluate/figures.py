@@ -8,6 +8,7 @@ import sys
 import matplotlib
 from detectors import PRESETS
 from frames import CONDITIONS, HEIGHT, SWEEPS, WIDTH
+from record import build
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt  # noqa: E402
@@ -76,13 +77,19 @@ def check_figure(path):
         sys.exit(f"cannot write {path}: the folder {folder} does not exist")
 
 
-def save(figure, numbers, path):
-    """Writes the figure to `path` and the numbers beside it as JSON."""
+def save(figure, numbers, path, keygraph=None):
+    """Writes the figure to `path` and the numbers beside it as JSON; gives the numbers.
+
+    `keygraph` is the program that was measured; numbers that are drawn anew name theirs already.
+    """
     figure.savefig(path)
+    if keygraph is not None:
+        numbers["build"] = build(keygraph)
     with open(numbers_path(path), "w", encoding="utf-8") as out:
         json.dump(numbers, out, indent=1)
         out.write("\n")
     print(f"wrote {path} and {os.path.basename(numbers_path(path))}", file=sys.stderr)
+    return numbers
 
 
 def per_cent(shares):

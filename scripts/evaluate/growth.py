@@ -48,7 +48,7 @@ def growth(args, folder):
     numbers = {"frames": args.frames, "seed": args.seed, "keygraphs": by_keygraphs(args, shots, folder)}
     numbers["sizes"], numbers["corners"] = by_frame(args, shots, own, folder)
     numbers["objects"] = by_objects(args, shots, own, work)
-    save(draw_growth(numbers), numbers, args.out)
+    save(draw_growth(numbers), numbers, args.out, args.keygraph)
     print("| objects | found | wrong | ms a frame | pack, MB | first frame after, s |")
     print("| --- | --- | --- | --- | --- | --- |")
     for r in numbers["objects"]:
@@ -56,6 +56,7 @@ def growth(args, folder):
             f"| {r['objects']:,} | {100 * r['found']:.0f} % | {r['wrong']} | {r['ms']:.1f} | "
             f"{r['bytes'] / 1e6:.1f} | {r['start_s']:.2f} |"
         )
+    return numbers
 
 
 def detect(command, model, paths, profile="vga"):

@@ -6,17 +6,15 @@ times by each in turn, and its median counts; the table has medians over the fra
 Decoding is left out everywhere.
 """
 
-import datetime
 import json
 import os
-import platform
 import statistics
 import subprocess
 import sys
 import time
 
 import cv2
-import numpy as np
+import tables
 from detectors import Refused, check_command
 from opencv import Rival
 from pictures import picture_paths, read_picture
@@ -25,7 +23,7 @@ CORNERS = 400
 
 
 def rivals(args, folder):
-    """Prints the table; with --record, leaves it and all numbers as DATE.md and DATE.json."""
+    """Prints the table; gives all numbers."""
     check_command(args.keygraph)
     frames = picture_paths([args.frames])
     ours = {p: bench(args.keygraph, args.object, frames, args.passes, p, folder) for p in args.presets}
@@ -33,10 +31,17 @@ def rivals(args, folder):
         times, found = time_opencv(read_picture(args.object), frames, args.passes)
     except Refused as e:
         sys.exit(str(e))
-    text = table(ours, times, found, len(frames))
-    print(text)
-    if args.record:
-        record(args.record, text, about(ours, len(frames), args.passes), ours, times, found)
+    numbers = {
+        "opencv": cv2.__version__,
+        "frames": len(frames),
+        "passes": args.passes,
+        "points": CORNERS,
+        "keygraph": ours,
+        "opencv_ms": times,
+        "opencv_found": found,
+    }
+    print("\n".join([*tables.times(numbers), "", *tables.stages(numbers)]))
+    return numbers
 
 
 def bench(command, picture, frames, passes, preset, folder):
@@ -92,65 +97,3 @@ def triangulate(points, shape):
     mesh = cv2.Subdiv2D((0, 0, shape[1], shape[0]))
     mesh.insert(points.reshape(-1, 2))
     return mesh.getTriangleList()
-
-
-def table(ours, times, found, frames):
-    """The results as Markdown."""
-    rows = ["| | ms, median | frames found |", "| --- | --- | --- |"]
-    for preset, b in ours.items():
-        rows.append(f"| keygraph {preset} | {b['total']['median_ms']:.1f} | {b['detections']} of {frames} |")
-    for label, n in found.items():
-        rows.append(f"| OpenCV {label} | {times[label]:.1f} | {n} of {frames} |")
-    first = next(iter(ours.values()))
-    stages = {stage: v["median_ms"] for stage, v in first["stages"].items()}
-    beside = {  # stage -> what it is called in the table, and OpenCV's time
-        "convert": ("luma and chroma (OpenCV: gray; HSV)", f"{times['gray']:.2f}; {times['HSV']:.2f}"),
-        "corners": (
-            "corners, of the levels searched (OpenCV: goodFeaturesToTrack, of the frame)",
-            f"{times['goodFeaturesToTrack']:.2f}",
-        ),
-        "delaunay": (
-            f"triangulation, nested, of the levels searched (OpenCV: Subdiv2D of {CORNERS} points)",
-            f"{times['Subdiv2D']:.2f}",
-        ),
-    }
-    rows += ["", "| stage | ours, ms | OpenCV, ms |", "| --- | --- | --- |"]
-    rows.append(f"| a plain copy of gray and RGB | | {times['copy of gray and RGB']:.3f} |")
-    rows += [f"| {title} | {stages[stage]:.2f} | {theirs} |" for stage, (title, theirs) in beside.items()]
-    rows += [f"| {stage} | {ms:.2f} | |" for stage, ms in stages.items() if stage not in beside]
-    rows.append(f"| followed, not searched | {first['tracking']['times']['median_ms']:.2f} | |")
-    return "\n".join(rows)
-
-
-def about(ours, frames, passes):
-    """What a record says of its run."""
-    return {
-        "date": datetime.date.today().isoformat(),
-        "machine": platform.machine(),
-        "processor": processor(),
-        "opencv": cv2.__version__,
-        "numpy": np.__version__,
-        "frames": frames,
-        "passes": passes,
-        "digests": {preset: b["digest"] for preset, b in ours.items()},
-    }
-
-
-def record(folder, text, about, ours, times, found):
-    """Writes the table and all numbers as DATE.md and DATE.json."""
-    os.makedirs(folder, exist_ok=True)
-    head = f"# {about['date']}\n\n" + "\n".join(f"- {k}: {v}" for k, v in about.items())
-    with open(os.path.join(folder, f"{about['date']}.md"), "w", encoding="utf-8") as f:
-        f.write(f"{head}\n\n{text}\n")
-    with open(os.path.join(folder, f"{about['date']}.json"), "w", encoding="utf-8") as f:
-        json.dump({"about": about, "keygraph": ours, "opencv_ms": times, "opencv_found": found}, f, indent=1)
-        f.write("\n")
-
-
-def processor():
-    """The processor's name, where the system tells it."""
-    try:
-        with open("/proc/cpuinfo", encoding="utf-8") as f:
-            return next(line.split(":", 1)[1].strip() for line in f if line.startswith("model name"))
-    except (OSError, StopIteration):
-        return platform.processor() or "unknown"

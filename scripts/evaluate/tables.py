@@ -1,0 +1,171 @@
+"""Tables of pages, made of records: a function each gives the lines of one table."""
+
+from record import read_record
+
+METHODS = {"keygraph large": "large", "keygraph standard": "standard", "SIFT": "sift", "ORB": "orb"}
+# Rows of found frames: title, the scorer's kind and groups (none: all), whether the tight ones are told.
+REAL = [
+    ("real, object shown", "real", None, True),
+    ("— book on a table, video", "real", ("book-mvg",), False),
+    ("— picture cube turned by hand", "real", ("cube",), False),
+    ("— DVD covers, four phones and cameras", "real", ("dvd",), False),
+    ("— graffiti wall at 20 to 60 degrees", "real", ("graf",), False),
+    ("— a box, a card, a gray box", "real", ("breakingbad", "mindcard", "box_gray"), False),
+]
+PLAIN = ("plain", "small", "large", "tilt-mild", "tilt-strong")
+RENDERED = [
+    ("rendered: plain, small, large, mild and strong tilt", "synth", PLAIN, False),
+    ("rendered: dark and noisy", "synth", ("dark-noisy",), False),
+    ("rendered: blurred, 2 px and 4 px", "synth", ("blurred", "very-blurred"), False),
+    ("rendered: colour cast of 15 % and 30 %", "synth", ("colour-cast", "strong-cast"), False),
+    ("rendered: tilted to the extreme", "synth", ("tilt-extreme",), True),
+    ("rendered: nearly black", "synth", ("very-dark",), False),
+    ("rendered: 30 % hidden", "synth", ("occluded",), False),
+    ("rendered: 50 % hidden", "synth", ("half-hidden",), True),
+    ("rendered, all", "synth", None, True),
+]
+SHORT = [
+    ("rendered, all: found", "synth", None, False),
+    ("— nearly black", "synth", ("very-dark",), False),
+    ("— 50 % hidden", "synth", ("half-hidden",), False),
+    ("— tilted to the extreme", "synth", ("tilt-extreme",), False),
+]
+
+
+def accuracy():
+    """All rows of found frames, by method."""
+    return [*head(["frames", "", *METHODS]), *map(found, REAL), absent_row(), *map(found, RENDERED), misplaced_row()]
+
+
+def accuracy_short():
+    """The rows of the README."""
+    real = found(("real, object shown: found", "real", None, False))
+    return [*head(["frames", "", *METHODS]), real, absent_row(), *map(found, SHORT), misplaced_row()]
+
+
+def counts(method, kind, names=None):
+    """The counts of a method in the groups of `kind` that `names` names; without names in all."""
+    groups = read_record("accuracy")[METHODS.get(method, method)]
+    rows = [
+        row for group, row in groups.items() if group.startswith(f"{kind}/") and (names is None or stem(group) in names)
+    ]
+    return {key: sum(row[key] for row in rows) for key in ("frames", "shown", "found", "tight", "false")}
+
+
+def stem(group):
+    """`dvd` for real/dvd-004, else the name as it is."""
+    name = group.split("/", 1)[1]
+    return "dvd" if name.startswith("dvd-") else name
+
+
+def absent(method):
+    """Frames of a method that do not show the object, and the detections in them."""
+    groups = read_record("accuracy")[METHODS.get(method, method)]
+    rows = [row for group, row in groups.items() if row["shown"] == 0 and ", all" not in group]
+    return sum(row["frames"] for row in rows), sum(row["false"] for row in rows)
+
+
+def found(line):
+    """A row of found frames."""
+    title, kind, names, tight = line
+    told = [counts(method, kind, names) for method in METHODS]
+    cells = [f"{c['found']:,}" + (f", tight {c['tight']:,}" if tight else "") for c in told]
+    return row([title, f"{told[0]['shown']:,}", *cells])
+
+
+def absent_row():
+    """The row of false alarms."""
+    by_method = [absent(method) for method in METHODS]
+    return row(["real, object absent: false alarms", f"{by_method[0][0]:,}", *(str(false) for _, false in by_method)])
+
+
+def misplaced_row():
+    """The row of outlines that lie elsewhere."""
+    by_method = [counts(method, "synth") for method in METHODS]
+    return row(
+        ["rendered: outlines at a wrong place", f"{by_method[0]['shown']:,}", *(str(c["false"]) for c in by_method)]
+    )
+
+
+def times(told=None):
+    """Time of a frame, ours and OpenCV's."""
+    told = told or read_record("rivals")
+    frames = told["frames"]
+    ours = {f"keygraph {p}": (b["total"]["median_ms"], b["detections"]) for p, b in told["keygraph"].items()}
+    theirs = {f"OpenCV {label}": (told["opencv_ms"][label], n) for label, n in told["opencv_found"].items()}
+    lines = [row([who, f"{ms:.1f}", f"{n} of {frames}"]) for who, (ms, n) in (ours | theirs).items()]
+    return head([f"{frames} frames of the sequence, one object, one thread", "ms, median", "frames found"]) + lines
+
+
+def mixed():
+    """Time by what a frame shows: median and 99th percentile."""
+    told = read_record("mixed")
+    kinds = {"plain": "plainly", "hard": "with difficulty", "absent": "not at all", "all": "all three"}
+    lines = []
+    for label, rows in told["detectors"].items():
+        cells = [f"{rows[kind]['median_ms']:.1f}, {rows[kind]['p99_ms']:.1f}" for kind in kinds]
+        lines.append(row([label, *cells]))
+    return head(["median and 99th percentile, ms", *kinds.values()]) + lines
+
+
+def stages(told=None):
+    """Time of each stage, and of what OpenCV has instead, ms."""
+    told = told or read_record("rivals")
+    first, times = next(iter(told["keygraph"].values())), told["opencv_ms"]
+    ours = {stage: v["median_ms"] for stage, v in first["stages"].items()}
+    corners = "corners, of the levels searched (OpenCV: goodFeaturesToTrack, of the frame)"
+    triangles = f"triangulation, nested, of the levels searched (OpenCV: Subdiv2D of {told['points']} points)"
+    rows = [
+        ("a plain copy of gray and RGB", None, f"{times['copy of gray and RGB']:.3f}"),
+        ("luma and chroma (OpenCV: gray; HSV)", ours.pop("convert"), f"{times['gray']:.2f}; {times['HSV']:.2f}"),
+        (corners, ours.pop("corners"), f"{times['goodFeaturesToTrack']:.2f}"),
+        (triangles, ours.pop("delaunay"), f"{times['Subdiv2D']:.2f}"),
+        *((stage, ms, "") for stage, ms in ours.items()),
+        ("followed, not searched", first["tracking"]["times"]["median_ms"], ""),
+    ]
+    lines = [row([title, "" if ms is None else f"{ms:.2f}", other]) for title, ms, other in rows]
+    return head(["stage", "ours, ms", "OpenCV, ms"]) + lines
+
+
+def growth():
+    """Time against objects."""
+    lines = [
+        row(
+            [
+                f"{r['objects']:,}",
+                f"{100 * r['found']:.0f} %",
+                f"{r['ms']:.3g}",
+                f"{r['bytes'] / 1e6:,.3g}" if r["bytes"] < 1e9 else f"{r['bytes'] / 1e6:,.0f}",
+                f"{r['start_s']:.2g}",
+            ]
+        )
+        for r in read_record("growth")["objects"]
+    ]
+    return head(["objects", "found", "ms a frame", "pack, MB", "first frame after, s"]) + lines
+
+
+def tracking():
+    """Tracking beside searching."""
+    told = read_record("tracking")
+    return head(told["columns"]) + [row(r) for r in told["rows"]]
+
+
+def head(columns):
+    """The first two lines of a table."""
+    return [row(columns), row(["---"] * len(columns))]
+
+
+def row(cells):
+    """One line of a table."""
+    return "| " + " | ".join(cells).replace("|  |", "| |") + " |"
+
+
+TABLES = {
+    "accuracy": accuracy,
+    "accuracy-short": accuracy_short,
+    "times": times,
+    "mixed": mixed,
+    "stages": stages,
+    "growth": growth,
+    "tracking": tracking,
+}
