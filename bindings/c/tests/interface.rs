@@ -166,6 +166,13 @@ fn a_small_frame_is_searched_in_every_way() {
     let (steps, pieces) = in_pieces(d, model.as_ptr(), &frame);
     assert!(steps > 1);
     assert_eq!(pieces, whole);
+    let other = open(&bytes);
+    // SAFETY: the pointers are those of live objects.
+    unsafe {
+        assert_eq!(kg_detector_begin_again(d, other.as_ptr(), null(), null()), KG_MORE);
+        while kg_detector_step(d, null()) == KG_MORE {}
+    }
+    assert_eq!(detections(d), whole);
 
     let mut stats = kg_stats::default();
     // SAFETY: as above.

@@ -361,6 +361,16 @@ static void detectors(const kg_model *model, const unsigned char *pixels) {
     EXPECT(KG_OK, kg_detector_detections(d, found, 4, &count));
     HOLDS(count == 1 && memcmp(&found[0], &first, sizeof first) == 0);
     EXPECT(KG_ERROR_NO_SEARCH, kg_detector_step(d, NULL));
+    /* The frame that was read is searched again: for the same model the same result. */
+    EXPECT(KG_MORE, kg_detector_begin_again(d, model, NULL, NULL));
+    while ((status = kg_detector_step(d, NULL)) == KG_MORE) {
+    }
+    EXPECT(KG_OK, status);
+    EXPECT(KG_OK, kg_detector_detections(d, found, 4, &count));
+    HOLDS(count == 1 && memcmp(&found[0], &first, sizeof first) == 0);
+    EXPECT(KG_ERROR_NULL, kg_detector_begin_again(NULL, model, NULL, NULL));
+    EXPECT(KG_ERROR_NULL, kg_detector_begin_again(d, NULL, NULL, NULL));
+    EXPECT(KG_ERROR_OPTION, kg_detector_begin_again(d, model, &(kg_options){.threshold = 2.0f}, NULL));
     EXPECT(KG_MORE, kg_detector_begin(d, model, &frame, NULL, NULL));
     EXPECT(KG_OK, kg_detector_cancel(d));
     EXPECT(KG_ERROR_NO_SEARCH, kg_detector_step(d, NULL));
