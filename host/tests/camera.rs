@@ -51,6 +51,8 @@ fn lines_of_a_replay() {
     }
     assert!(found > 0, "nothing was found:\n{}", run.out);
     run.said(&["astronaut found"]);
+    let quiet = ["camera", "-q", "--replay", &sequence(), "-m", &astronaut, "--json", "--frames", "1"];
+    assert_eq!(keygraph(&quiet).ended_with(0).err, "");
 }
 
 /// Frames that are mirrored and searched in part, in px of the frames as they come.
