@@ -75,8 +75,8 @@ impl Drop for Progress {
 /// A rate with two digits, by the second or by the minute; empty while there is none.
 fn pace(per_second: f64, what: &str) -> String {
     let round = |v: f64| {
-        let unit = 10f64.powi((v.log10().floor() as i32 - 1).max(0));
-        if v < 9.95 { format!("{v:.1}") } else { format!("{:.0}", (v / unit).round() * unit) }
+        let two = format!("{v:.1e}").parse().unwrap_or(v);
+        if two < 10.0 { format!("{two:.1}") } else { format!("{two:.0}") }
     };
     match per_second {
         v if !v.is_finite() || v * 60.0 < 0.05 => String::new(),
