@@ -83,32 +83,62 @@ pub fn framing(framed: &Framed, path: &Path, crop: Option<Part>) -> Vec<String> 
     said
 }
 
-/// Says what makes a new model less useful than it looks: a name that was cut, a picture that gives too little
-/// or repeats itself, an object that is not found in its own picture. `label` names the picture, `name` is the
-/// object's as it was given.
+/// What is said of a new model.
+#[derive(Clone, Debug)]
+pub struct Review {
+    /// What makes it less useful than it looks, and what to do: a name that was cut, a picture that gives too little
+    /// or repeats itself, an object that is not found in its own picture.
+    pub warnings: Vec<String>,
+    /// How the object is found in its own picture; `None` when it is not.
+    pub found: Option<Own>,
+    /// What else about the picture makes the object harder to find.
+    pub limits: Vec<Limit>,
+}
+
+/// How an object is found in its own picture.
+#[derive(Clone, Copy, Debug)]
+pub struct Own {
+    /// Score, 0 to 1.
+    pub score: f32,
+    /// Mean distance of the outline's corners from those of the picture, px of the picture.
+    pub off_px: f32,
+}
+
+/// Looks at a new model, and searches its picture for the object. `label` names the picture, `name` is the object's
+/// as it was given.
 ///
 /// # Errors
 /// When the picture cannot be searched.
-pub fn of_model(
-    label: &str,
-    name: &str,
-    picture: &Picture,
-    model: &Model<'_>,
-    trained: &Trained,
-) -> Result<Vec<String>> {
-    let mut said = Vec::new();
+pub fn of_model(label: &str, name: &str, picture: &Picture, model: &Model<'_>, trained: &Trained) -> Result<Review> {
+    let mut warnings = Vec::new();
     if name.len() > NAME_BYTES {
-        said.push(format!("the name was cut to {NAME_BYTES} bytes: {}", model.object(0).name));
+        warnings.push(format!("the name was cut to {NAME_BYTES} bytes: {}", model.object(0).name));
     }
+    let own = search(picture, model, Profile::Vga, DEFAULT_THRESHOLD, false, 0)?;
+    let found = own.detections.first().map(|d| {
+        let (w, h) = (picture.width as f32, picture.height as f32);
+        let whole = [[0.0, 0.0], [w, 0.0], [w, h], [0.0, h]];
+        let off = d.corners.iter().zip(whole).map(|(c, at)| (c[0] - at[0]).hypot(c[1] - at[1]));
+        Own { score: d.score, off_px: off.sum::<f32>() / 4.0 }
+    });
+    let mut limits = Vec::new();
     // The paper's method is for comparison: its models need no advice.
     if model.method() == Method::Keygraph {
-        let told = warning(picture, trained).into_iter().chain(repeats(&structure(model, 0)));
-        said.extend(told.map(|told| format!("{label} {told}")));
-        if search(picture, model, Profile::Vga, DEFAULT_THRESHOLD, false, 0)?.detections.is_empty() {
-            said.push(not_found_in_itself(label));
+        let structure = structure(model, 0);
+        let (few, repeats) = (warning(picture, trained), repeats(&structure));
+        limits = limits_of_picture(&structure);
+        // What a warning says already.
+        limits.retain(|l| match l.kind {
+            "repeated pattern" => repeats.is_none(),
+            "few corners" | "small" | "elongated" => few.is_none(),
+            _ => true,
+        });
+        warnings.extend(few.into_iter().chain(repeats).map(|told| format!("{label} {told}")));
+        if found.is_none() {
+            warnings.push(not_found_in_itself(label));
         }
     }
-    Ok(said)
+    Ok(Review { warnings, found, limits })
 }
 
 /// Says what is wrong with a picture that gave training too little, and what to do; the

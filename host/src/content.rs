@@ -115,8 +115,7 @@ pub(crate) fn hide(address: &Path, text: &str) -> String {
     let mut hidden = text.to_string();
     let own = address.to_string_lossy();
     let Some((_, rest)) = own.split_once("://") else { return hidden };
-    let end = rest.find(['/', '?']).unwrap_or(rest.len());
-    if let Some((name, password)) = rest[..end].rsplit_once('@').and_then(|(user, _)| user.split_once(':')) {
+    if let Some((name, password)) = login(rest).and_then(|login| login.split_once(':')) {
         hidden = hidden.replace(&format!("{name}:{password}@"), &format!("{name}:***@"));
     }
     for (name, value) in own.split(['?', '&']).skip(1).filter_map(|pair| pair.split_once('=')) {
@@ -126,6 +125,18 @@ pub(crate) fn hide(address: &Path, text: &str) -> String {
         }
     }
     hidden
+}
+
+/// Who logs in, and with which password, in an address without its scheme.
+fn login(address: &str) -> Option<&str> {
+    let host = &address[..address.find(['/', '?']).unwrap_or(address.len())];
+    if let Some((login, _)) = host.rsplit_once('@') {
+        return Some(login);
+    }
+    // A password may have such a character in it, though it should not. Then what is behind the colon is no port.
+    let (_, port) = host.split_once(':').filter(|_| !host.starts_with('['))?;
+    let is_port = port.bytes().all(|b| b.is_ascii_digit());
+    address.rsplit_once('@').filter(|_| !is_port).map(|(login, _)| login)
 }
 
 /// Whether an address is that of a camera by RTSP.
@@ -231,6 +242,9 @@ mod tests {
         for (text, url, expected) in [
             ("rtsp://me:secret@camera.lan:554/a@b", true, "rtsp://me:***@camera.lan:554/a@b"),
             ("rtsp://me:se@cret@camera.lan", true, "rtsp://me:***@camera.lan"),
+            ("rtsp://me:se/cr?e@t@camera.lan/a", true, "rtsp://me:***@camera.lan/a"),
+            ("rtsp://camera.lan:554/a@b", true, "rtsp://camera.lan:554/a@b"),
+            ("http://[::1]:80/a@b", true, "http://[::1]:80/a@b"),
             ("HTTP://me@camera.lan/x", true, "HTTP://me@camera.lan/x"),
             ("https://camera.lan/x?y=a:b@c", true, "https://camera.lan/x?y=a:b@c"),
             ("ftp://me:secret@host", false, "ftp://me:***@host"),

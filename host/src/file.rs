@@ -10,6 +10,8 @@ use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::thread;
 use std::time::Duration;
 
+use crate::notice::notice;
+
 /// Time after which somebody is told that a pipe is waited for.
 const PATIENCE: Duration = Duration::from_secs(2);
 
@@ -62,7 +64,7 @@ pub fn read_whole(path: &Path) -> io::Result<Vec<u8>> {
     let name = path.display().to_string();
     thread::spawn(move || {
         if end.recv_timeout(PATIENCE) == Err(RecvTimeoutError::Timeout) {
-            eprintln!("keygraph: waiting for what is written into the pipe {name}");
+            notice(&format!("waiting for what is written into the pipe {name}"));
         }
     });
     let bytes = fs::read(path);

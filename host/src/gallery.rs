@@ -178,12 +178,13 @@ impl Gallery {
         self.video.take().map_or(Ok(()), |v| v.writer.finish())
     }
 
-    /// Completes the video, if one is being written.
+    /// Completes the video, if one is being written. Returns the number of files that were written.
     ///
     /// # Errors
     /// When a video cannot be finished.
-    pub fn finish(mut self) -> Result<()> {
-        self.finish_video()
+    pub fn finish(mut self) -> Result<usize> {
+        self.finish_video()?;
+        Ok(self.written.len())
     }
 }
 

@@ -11,6 +11,7 @@
 use std::collections::VecDeque;
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::time::SystemTime;
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
 
@@ -43,6 +44,8 @@ pub struct SourceFrame {
     pub kind: Kind,
     /// Whether frames have their own pace: those of an address, or of a stream without a rate.
     pub live: bool,
+    /// The time at which a frame of a live source came; `None` for a picture or a video.
+    pub time: Option<SystemTime>,
     /// The picture, or why it could not be read.
     pub picture: Result<Picture>,
 }
@@ -66,13 +69,24 @@ impl Pending {
         }
     }
 
+    /// The time at which the frame came; see [`SourceFrame::time`].
+    #[must_use]
+    pub fn time(&self) -> Option<SystemTime> {
+        match self {
+            Self::Frame(f) => f.time,
+            Self::Still(_) => None,
+        }
+    }
+
     /// The frame. Decodes the picture when that is not done yet.
     #[must_use]
     pub fn read(self) -> SourceFrame {
         let (source, frame, kind) = self.place();
         match self {
             Self::Frame(frame) => frame,
-            Self::Still(path) => SourceFrame { source, frame, kind, live: false, picture: read_picture(&path) },
+            Self::Still(path) => {
+                SourceFrame { source, frame, kind, live: false, time: None, picture: read_picture(&path) }
+            }
         }
     }
 }
@@ -171,7 +185,8 @@ impl Source {
                 if let Some((frame, picture)) = video.next() {
                     let kind = if video.still { Kind::Still } else { Kind::Video { fps: video.fps() } };
                     let (source, live) = (source.clone(), video.live);
-                    return Some(Pending::Frame(SourceFrame { source, frame, kind, live, picture }));
+                    let time = (live && !video.still).then(SystemTime::now);
+                    return Some(Pending::Frame(SourceFrame { source, frame, kind, live, time, picture }));
                 }
                 self.video = None;
             }
@@ -187,7 +202,7 @@ impl Source {
                 },
             };
             let source = shown(&path);
-            return Some(Pending::Frame(SourceFrame { source, frame: 0, kind, live: false, picture }));
+            return Some(Pending::Frame(SourceFrame { source, frame: 0, kind, live: false, time: None, picture }));
         }
     }
 }

@@ -3,6 +3,8 @@
 //!
 //! A file uses only files above it:
 //!
+//! - [`clock`]: the time of day as text
+//! - [`notice`]: errors and notices on standard error
 //! - [`mod@file`]: which names stand for one file, and how a whole file is read
 //! - `content`: what a file holds, by its first bytes and its name
 //! - `ffmpeg`: the child process that decodes and encodes videos
@@ -39,6 +41,8 @@
 //! - `camera`: live frames of a camera (with the feature `live`)
 //! - [`demo`]: the whole path on the pictures of the repository
 
+pub mod clock;
+pub mod notice;
 pub mod file;
 mod content;
 mod ffmpeg;

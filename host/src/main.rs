@@ -8,6 +8,7 @@ mod cli;
 use std::io;
 use std::process::ExitCode;
 
+use keygraph::notice::error;
 use keygraph::output::plain_lines;
 
 fn main() -> ExitCode {
@@ -18,7 +19,7 @@ fn main() -> ExitCode {
             ExitCode::SUCCESS
         }
         Err(e) => {
-            eprintln!("keygraph: {}", plain_lines(&format!("{e:#}")));
+            error(&plain_lines(&format!("{e:#}")));
             ExitCode::FAILURE
         }
     }

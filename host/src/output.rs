@@ -21,6 +21,7 @@ use keygraph_core::MAGIC;
 use tempfile::{Builder, NamedTempFile};
 
 use crate::file::Identity;
+use crate::notice::notice;
 use crate::picture::extension;
 
 /// How the names of unfinished files start.
@@ -79,6 +80,21 @@ pub fn check_name(name: &str) -> Result<()> {
     ensure!(!name.trim().is_empty(), "the name is empty: give the object a name");
     ensure!(name.chars().all(is_plain), "the name {} has control characters: leave them out", plain(name));
     Ok(())
+}
+
+/// Says on standard error where a result went.
+pub fn tell_written(path: &Path) {
+    notice(&format!("written: {}", plain(&path.display().to_string())));
+}
+
+/// Says on standard error how many files went to `path`, a file or a folder.
+pub fn tell_written_files(path: &Path, files: usize) {
+    let name = path.display().to_string();
+    match files {
+        0 => notice(&format!("nothing to write to {}", plain(&name))),
+        1 if !path.is_dir() => tell_written(path),
+        n => notice(&format!("written: {n} file{} in {}", if n == 1 { "" } else { "s" }, plain(&name))),
+    }
 }
 
 // --------------------------------------------------------------------- files

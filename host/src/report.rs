@@ -1,14 +1,20 @@
 //! Results as JSON: the lines and objects that other programs read.
 //!
-//! In: results of a command. Out: JSON values. Memory and cost: the text.
+//! In: results of a command. Out: JSON values. Every number has the digits that mean something, and is rounded
+//! here alone: the command line, the bindings and the boards print equal lines. Memory and cost: the text.
+
+use std::time::SystemTime;
 
 use keygraph_core::stages::surface::SIDE;
-use keygraph_core::{Cylinder, Detection, Model, PlanePose, Pose, Stage, State, Track};
+use keygraph_core::{Cylinder, Detection, Homography, Model, PlanePose, Pose, Stage, State, Track};
 use serde_json::{Map, Value, json};
 
 use crate::alike::Alike;
 use crate::assess::Assessment;
 use crate::bench::{Bench, Held, StageCost, Times};
+#[cfg(feature = "calibrate")]
+use crate::calibrate::Calibrated;
+use crate::clock::stamp;
 use crate::pose::Place;
 use crate::search::Found;
 use crate::structure::Structure;
@@ -17,18 +23,54 @@ use crate::sweep::{Cell, Row, Sweep};
 /// A number rounded to `digits` decimals.
 pub(crate) fn rounded(v: impl Into<f64>, digits: i32) -> Value {
     let k = 10f64.powi(digits);
-    json!((v.into() * k).round() / k)
+    // Adding 0 turns -0 into 0.
+    json!((v.into() * k).round() / k + 0.0)
+}
+
+/// A length or a place in px.
+pub(crate) fn px(v: impl Into<f64>) -> Value {
+    rounded(v, 2)
+}
+
+fn point(p: [f32; 2]) -> [Value; 2] {
+    p.map(px)
+}
+
+fn mm(v: f32) -> Value {
+    rounded(v, 2)
+}
+
+/// A score, 0 to 1. Near 1 its order is in the last digits.
+pub(crate) fn score(v: f32) -> Value {
+    rounded(v, 6)
+}
+
+/// An element of a rotation, or of a direction.
+fn direction(v: f32) -> Value {
+    rounded(v, 6)
 }
 
 fn milliseconds(ns: u64) -> Value {
-    json!((ns as f64 / 1e3).round() / 1e3)
+    rounded(ns as f64 / 1e6, 3)
+}
+
+/// A number with its first `digits` digits, wherever its point is.
+fn significant(v: impl Into<f64>, digits: usize) -> Value {
+    let v = v.into() + 0.0;
+    // What is written so is a number.
+    json!(format!("{v:.0$e}", digits - 1).parse().unwrap_or(v))
+}
+
+/// The map has the digits that a 32-bit number has. What it maps is right to 0.01 px, as corners are.
+fn homography(h: &Homography) -> [Value; 9] {
+    h.0.map(|v| significant(v, 7))
 }
 
 fn pose_object(pose: &Pose) -> Value {
     json!({
-        "rotation": pose.rotation.map(|v| rounded(v, 6)),
-        "translation_mm": pose.translation_mm.map(|v| rounded(v, 3)),
-        "error_px": rounded(pose.error_px, 4),
+        "rotation": pose.rotation.map(direction),
+        "translation_mm": pose.translation_mm.map(mm),
+        "error_px": px(pose.error_px),
     })
 }
 
@@ -45,10 +87,10 @@ pub fn plane_pose_object(poses: Option<&PlanePose>) -> Value {
 /// A cylinder, with the pose of the label on it.
 fn cylinder_object(c: &Cylinder) -> Value {
     let mut object = json!({
-        "radius_mm": rounded(c.radius_mm, 3),
+        "radius_mm": mm(c.radius_mm),
         "inside": c.is_inside,
-        "axis": c.axis.map(|v| rounded(v, 6)),
-        "centre_mm": c.centre_mm.map(|v| rounded(v, 3)),
+        "axis": c.axis.map(direction),
+        "centre_mm": c.centre_mm.map(mm),
     });
     if let (Value::Object(all), Value::Object(pose)) = (&mut object, pose_object(&c.pose)) {
         all.extend(pose);
@@ -60,7 +102,7 @@ fn cylinder_object(c: &Cylinder) -> Value {
 pub const CSV_HEAD: &str = "source,frame,object,score,visible,x1,y1,x2,y2,x3,y3,x4,y4";
 
 /// A line of comma-separated values for each detection of a frame: corners in px of the frame, clockwise from
-/// the picture's top left.
+/// the picture's top left. Numbers are those of [`frame_line`].
 #[must_use]
 pub fn csv_lines(source: &str, frame: u64, model: &Model<'_>, found: &Found) -> String {
     // As RFC 4180 has it. A line break in a name would make two lines of one.
@@ -69,9 +111,10 @@ pub fn csv_lines(source: &str, frame: u64, model: &Model<'_>, found: &Found) -> 
         if text.contains([',', '"']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text }
     };
     let line = |d: &Detection| {
-        let corners = d.corners.iter().flatten().map(|v| format!(",{v:.2}")).collect::<String>();
+        let corners = d.corners.iter().flatten().map(|&v| format!(",{}", px(v))).collect::<String>();
         let name = quoted(model.object(usize::from(d.object)).name);
-        format!("{},{frame},{name},{:.4},{:.3}{corners}", quoted(source), d.score, d.appearance.visible)
+        let (score, visible) = (score(d.score), rounded(d.appearance.visible, 3));
+        format!("{},{frame},{name},{score},{visible}{corners}", quoted(source))
     };
     found.detections.iter().map(line).collect::<Vec<_>>().join("\n")
 }
@@ -134,17 +177,18 @@ pub fn detection_entry(model: &Model<'_>, found: &Found, index: usize) -> Value 
     let state = track.map_or(State::Found, |(_, state)| state);
     let mut entry = detection_object(model, &found.detections[index], state);
     if let Some(surface) = found.surface(index) {
-        let points: Vec<_> = surface.points.iter().map(|p| p.map(|v| rounded(v, 3))).collect();
+        let points: Vec<_> = surface.points.iter().map(|&p| point(p)).collect();
         entry["surface"] = json!({
             "bent": surface.is_bent,
-            "homography": surface.homography.0.map(f64::from),
+            "homography": homography(&surface.homography),
             "cols": SIDE,
             "rows": SIDE,
             "points": points,
         });
     }
     if let Some(rivals) = found.rivals.get(index) {
-        let name = |&(object, score): &(u16, f32)| json!({"object": model.object(usize::from(object)).name, "score": rounded(score, 6)});
+        let name =
+            |&(object, v): &(u16, f32)| json!({"object": model.object(usize::from(object)).name, "score": score(v)});
         entry["rivals"] = rivals.iter().map(name).collect();
     }
     if let Some((id, _)) = track {
@@ -166,10 +210,10 @@ fn detection_object(model: &Model<'_>, d: &Detection, state: State) -> Value {
     json!({
         "object": model.object(usize::from(d.object)).name,
         "state": state.name(),
-        "score": rounded(d.score, 6),
+        "score": score(d.score),
         "visible": rounded(d.appearance.visible, 3),
-        "homography": d.homography.0.map(f64::from),
-        "corners": d.corners.map(|p| p.map(|v| rounded(v, 3))),
+        "homography": homography(&d.homography),
+        "corners": d.corners.map(point),
         "votes": d.votes,
         "agreeing": d.agreeing,
         "correlation": rounded(d.appearance.median, 4),
@@ -185,6 +229,15 @@ fn detection_object(model: &Model<'_>, d: &Detection, state: State) -> Value {
 #[must_use]
 pub fn error_line(source: &str, frame: u64, error: &str) -> Value {
     json!({"source": source, "frame": frame, "error": error, "detections": []})
+}
+
+/// The line of a frame with the time at which the frame came, if it has one.
+#[must_use]
+pub fn timed(mut line: Value, time: Option<SystemTime>) -> Value {
+    if let Some(time) = time {
+        line["time"] = json!(stamp(time));
+    }
+    line
 }
 
 /// The object that `train --json` and `inspect --json` print.
@@ -209,7 +262,7 @@ pub fn model_object(model: &Model<'_>) -> Value {
 /// An object that looks like the one that was trained, as `train --json` has it.
 #[must_use]
 pub fn alike_object(object: &str, alike: &Alike) -> Value {
-    json!({"object": object, "share": rounded(alike.share, 3), "score": rounded(alike.score, 6)})
+    json!({"object": object, "share": rounded(alike.share, 3), "score": score(alike.score)})
 }
 
 /// The object that `bench --json` prints.
@@ -237,6 +290,24 @@ pub fn bench_object(b: &Bench) -> Value {
         "detector_bytes": b.detector_bytes,
         "buffers": b.buffers.iter().map(buffer).collect::<Vec<_>>(),
         "tracking": b.tracking.as_ref().map(|t| json!({"followed": t.followed, "times": times(&t.times), "searched": times(&t.searched)})),
+    })
+}
+
+/// The object that `calibrate --json` prints, with the number of frames, and the name of each view.
+#[cfg(feature = "calibrate")]
+#[must_use]
+pub fn calibration_object<'a>(c: &Calibrated, frames: usize, views: impl Iterator<Item = &'a str>) -> Value {
+    let number = |(name, (&value, &sigma)): (&&str, (&f64, &f64))| {
+        ((*name).to_string(), json!({"value": significant(value, 7), "uncertainty": significant(sigma, 2)}))
+    };
+    let numbers: Map<_, _> = c.kind.names().iter().zip(c.numbers.iter().zip(&c.uncertainty)).map(number).collect();
+    let view = |(name, error): (&str, &Option<f64>)| json!({"frame": name, "error_px": error.map(px)});
+    json!({
+        "numbers": numbers,
+        "error_px": px(c.error_px),
+        "reach": rounded(c.reach, 3),
+        "frames": frames,
+        "views": views.zip(&c.views).map(view).collect::<Vec<_>>(),
     })
 }
 
@@ -270,4 +341,55 @@ pub fn assessment_object(a: &Assessment) -> Value {
         "structure": a.structure.as_ref().map(structure),
         "limits": a.limits.iter().map(|l| json!({"kind": l.kind, "text": l.text})).collect::<Vec<_>>(),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_have_the_digits_that_mean_something() {
+        let text = |v: Value| v.to_string();
+        assert_eq!(text(px(209.603_f32)), "209.6");
+        assert_eq!(text(px(-68.7651_f32)), "-68.77");
+        assert_eq!(text(px(-0.001_f32)), "0.0", "no -0");
+        assert_ne!(score(0.999_91), score(0.999_94), "the order near 1 stays");
+        assert_eq!(text(score(0.998_125_4)), "0.998125");
+        for (v, told) in [
+            (0.902_733_45_f32, "0.9027334"),
+            (-123.456_79, "-123.4568"),
+            (1.234_567_8e-5, "0.00001234568"),
+            (1.0, "1.0"),
+            (-0.0, "0.0"),
+        ] {
+            let text = text(significant(v, 7));
+            assert_eq!(text.parse::<f64>(), told.parse::<f64>(), "{v} is told as {text}");
+            assert!(!text.starts_with("-0.0") || v < 0.0, "{text}");
+        }
+        assert_eq!(significant(f64::INFINITY, 7), Value::Null);
+    }
+
+    #[test]
+    fn a_homography_maps_as_the_one_that_was_found() {
+        let h = [
+            0.987_654_3_f32,
+            -0.123_456_79,
+            209.603_45,
+            0.234_567_9,
+            1.012_345_7,
+            -68.765_434,
+            1.234_567_8e-4,
+            -2.345_678_9e-5,
+            1.0,
+        ];
+        let told = homography(&Homography(h)).map(|v| v.as_f64().expect("a number"));
+        let map = |h: [f64; 9], x: f64, y: f64| {
+            let z = h[6] * x + h[7] * y + h[8];
+            [(h[0] * x + h[1] * y + h[2]) / z, (h[3] * x + h[4] * y + h[5]) / z]
+        };
+        for (x, y) in [(0.0, 0.0), (4000.0, 0.0), (4000.0, 3000.0), (0.0, 3000.0)] {
+            let (exact, told) = (map(h.map(f64::from), x, y), map(told, x, y));
+            assert!(exact.iter().zip(told).all(|(a, b)| (a - b).abs() < 5e-3), "{exact:?} is told as {told:?}");
+        }
+    }
 }

@@ -11,6 +11,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::mpsc::{Receiver, channel};
 use std::thread;
+use std::time::SystemTime;
 
 use anyhow::{Context, Result, anyhow};
 use keygraph_core::{Detection, Model};
@@ -54,6 +55,8 @@ pub struct Outcome {
     pub frame: u64,
     /// Still or video.
     pub kind: Kind,
+    /// The time at which a frame of a live source came.
+    pub time: Option<SystemTime>,
     /// The results, or why the frame could not be read or searched.
     pub result: Result<Searched>,
 }
@@ -167,11 +170,11 @@ fn search_safely(
     slot: usize,
     trail: &mut Option<Trail<Sequence>>,
 ) -> Outcome {
-    let (source, index, kind) = frame.place();
+    let ((source, index, kind), time) = (frame.place(), frame.time());
     catch_unwind(AssertUnwindSafe(|| search_one(frame.read(), model, options, slot, trail.as_mut()))).unwrap_or_else(
         |_| {
             let result = Err(anyhow!("{source}, frame {index}: the search failed; please report this frame"));
-            Outcome { source, frame: index, kind, result }
+            Outcome { source, frame: index, kind, time, result }
         },
     )
 }
@@ -183,7 +186,7 @@ fn search_one(
     slot: usize,
     trail: Option<&mut Trail<Sequence>>,
 ) -> Outcome {
-    let SourceFrame { source, frame, kind, picture, .. } = frame;
+    let SourceFrame { source, frame, kind, time, picture, .. } = frame;
     let result = picture.and_then(|p| {
         let lens = options.optics.map(|o| o.of_size(p.width, p.height)).transpose().with_context(|| source.clone())?;
         let request = Request { details: options.annotate, lens, ..options.request };
@@ -213,7 +216,7 @@ fn search_one(
         let flat = shown.map(|(i, d)| rectify(&p, d, found.surface(i), size(d))).collect();
         Ok(Searched { size: (p.width, p.height), found, places, canvas, flat })
     });
-    Outcome { source, frame, kind, result }
+    Outcome { source, frame, kind, time, result }
 }
 
 /// Draws corners, supporting keygraphs, outlines, names and scores into a copy of `picture`, and the

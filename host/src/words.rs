@@ -4,10 +4,12 @@
 //! characters in names are escaped.
 //! Memory and cost: the text.
 
+use std::borrow::Cow;
 use std::path::Path;
 
 use keygraph_core::{Detection, FeatureKind, Model, Trained};
 
+use crate::advice::Review;
 use crate::assess::Assessment;
 use crate::bench::Bench;
 use crate::input::LeftOut;
@@ -45,6 +47,61 @@ pub fn training(t: &Trained) -> String {
         t.keygraphs.seen,
         t.keygraphs.dropped
     )
+}
+
+/// A model that was trained on one picture, for its user: what it is, whether the object is found in its own picture,
+/// how good the picture is, and what to do next. `label` names the picture, `path` is the model's file.
+#[must_use]
+pub fn trained(model: &Model<'_>, label: &str, size: (u32, u32), review: &Review, path: &Path) -> String {
+    let found = match review.found {
+        Some(own) => format!("yes, in its own picture: score {:.2}, outline {:.1} px off", own.score, own.off_px),
+        None => "no, not even in its own picture".into(),
+    };
+    let good = match (review.warnings.is_empty(), review.limits.is_empty()) {
+        (true, true) => "good: enough corners and contrast, and nothing that repeats",
+        (false, true) => "could be better, as said above",
+        (_, false) => "could be better:",
+    };
+    let file = path.display().to_string();
+    let mut lines = vec![
+        format!("object     {}, from {label}, {}x{} px", plain(model.object(0).name), size.0, size.1),
+        format!("keygraphs  {}", grouped(model.keygraphs() as u64)),
+        format!("found      {found}"),
+        format!("picture    {good}"),
+    ];
+    lines.extend(review.limits.iter().map(|limit| format!("           - {}", limit.text)));
+    lines.push(format!("written    {}, {}", plain(&file), bytes(model.bytes().len())));
+    lines.push(format!("next       keygraph detect -m {} photo.jpg", plain(&shell_word(&file))));
+    lines.join("\n")
+}
+
+/// A count with commas between thousands.
+fn grouped(n: u64) -> String {
+    let digits = n.to_string();
+    let comma = |(i, c): (usize, char)| {
+        let is_first = i > 0 && (digits.len() - i).is_multiple_of(3);
+        is_first.then_some(',').into_iter().chain([c])
+    };
+    digits.chars().enumerate().flat_map(comma).collect()
+}
+
+/// A size of a file, with two digits.
+fn bytes(n: usize) -> String {
+    match n {
+        1_000_000.. => format!("{:.1} MB", n as f64 / 1e6),
+        1_000.. => format!("{:.0} KB", n as f64 / 1e3),
+        _ => format!("{n} bytes"),
+    }
+}
+
+/// A word as a shell takes it.
+fn shell_word(text: &str) -> Cow<'_, str> {
+    let is_bare = |c: char| c.is_alphanumeric() || "-_./+=@:,%".contains(c);
+    if text.chars().all(is_bare) && !text.starts_with('-') {
+        return text.into();
+    }
+    let quoted = format!("'{}'", text.replace('\'', r"'\''"));
+    if text.starts_with('-') { format!("./{quoted}").into() } else { quoted.into() }
 }
 
 /// What a model holds; `path` is its file.
@@ -182,4 +239,23 @@ fn detection(model: &Model<'_>, d: &Detection, place: Option<&Place>) -> String 
         side(b, c),
         d.score
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn counts_and_sizes_are_easy_to_read() {
+        let counts = [0, 999, 1_000, 42_634, 1_234_567].map(grouped);
+        assert_eq!(counts, ["0", "999", "1,000", "42,634", "1,234,567"]);
+        assert_eq!([900, 65_536, 1_995_388].map(bytes), ["900 bytes", "66 KB", "2.0 MB"]);
+    }
+
+    #[test]
+    fn a_command_can_be_pasted() {
+        assert_eq!(shell_word("out/a-b_2.kgm"), "out/a-b_2.kgm");
+        assert_eq!(shell_word("my book's.kgm"), r"'my book'\''s.kgm'");
+        assert_eq!(shell_word("-o.kgm"), "./'-o.kgm'");
+    }
 }

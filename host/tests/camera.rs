@@ -12,7 +12,7 @@ use std::time::Duration;
 
 use camera_live::{Live, outline, truth};
 use keygraph::render::corner_error;
-use program::{Folder, assets, frame, keygraph, picture};
+use program::{Folder, assets, frame, is_stamp, keygraph, picture};
 use serde_json::Value;
 
 fn sequence() -> String {
@@ -40,6 +40,7 @@ fn lines_of_a_replay() {
         for key in ["source", "width", "stages", "time_ms", "fps", "dropped", "age_ms", "lost"] {
             assert!(!line[key].is_null(), "{key} is not in {line}");
         }
+        assert!(is_stamp(&line["time"]), "{line}");
         for detection in line["detections"].as_array().unwrap() {
             assert!(["found", "tracked"].contains(&detection["state"].as_str().unwrap()), "{detection}");
             let truth = truth(frame, "astronaut", [512.0, 512.0]).unwrap();
@@ -50,6 +51,8 @@ fn lines_of_a_replay() {
     }
     assert!(found > 0, "nothing was found:\n{}", run.out);
     run.said(&["astronaut found"]);
+    let quiet = ["camera", "-q", "--replay", &sequence(), "-m", &astronaut, "--json", "--frames", "1"];
+    assert_eq!(keygraph(&quiet).ended_with(0).err, "");
 }
 
 /// Frames that are mirrored and searched in part, in px of the frames as they come.

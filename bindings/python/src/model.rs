@@ -394,7 +394,7 @@ pub fn train(
     let (data, trained) = trained.context("cannot train on the picture").map_err(|e| exception(&e))?;
     let model = Model::of(data, Some(preset))?;
     let said = py.detach(|| advice::of_model("the picture", &name, &picture, model.view(), &trained));
-    for said in said.map_err(|e| exception(&e))? {
+    for said in said.map_err(|e| exception(&e))?.warnings {
         warn(py, &said)?;
     }
     Ok(model)

@@ -52,16 +52,17 @@ def model_file(model: keygraph.Model, tmp_path_factory: pytest.TempPathFactory) 
 
 @pytest.fixture(scope="session")
 def command() -> Command:
-    """Runs the command line, whose binary is in KEYGRAPH, and returns its lines of JSON."""
+    """Runs the command line, whose binary is in KEYGRAPH, on standard input that is given, and returns its lines of
+    JSON."""
     binary = os.environ.get("KEYGRAPH")
     if not binary:
         if os.environ.get("KEYGRAPH_MUST_NOT_SKIP"):
             pytest.fail("KEYGRAPH names no binary, and nothing may be skipped")
         pytest.skip("KEYGRAPH names no binary of the command line: run scripts/test-python")
 
-    def run(*arguments: object) -> list[dict[str, Any]]:
-        done = subprocess.run([binary, *map(str, arguments)], check=True, stdout=subprocess.PIPE, text=True)
-        return [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
+    def run(*arguments: object, given: bytes = b"") -> list[dict[str, Any]]:
+        done = subprocess.run([binary, *map(str, arguments)], check=True, stdout=subprocess.PIPE, input=given)
+        return [json.loads(line) for line in done.stdout.splitlines() if line.startswith(b"{")]
 
     return run
 

@@ -47,6 +47,9 @@ def lines(command: Command, model: keygraph.Model, file: Path, empty: Path) -> I
     yield from command("detect", "-m", file, "--json", "--track", *SEQUENCE)
     yield from command("detect", "-m", file, "--json", "--mirror", "--roi", "0,0,90%,90%", SEQUENCE[5])
     yield from command("detect", "-m", file, "--json", "--budget-ms", "0.000001", SEQUENCE[5])
+    # Pictures one after the other are those of a camera, with times of day.
+    motion = b"".join(path.read_bytes() for path in SEQUENCE[4:6])
+    yield from command("detect", "-m", file, "--json", "-", given=motion)
     detector, tracker = keygraph.Detector(model, digests=True), keygraph.Tracker(model)
     for path in SEQUENCE:
         yield detector.detect(path).to_dict()
@@ -107,6 +110,7 @@ def test_a_frame_that_cannot_be_read(tmp_path: Path, model_file: Path, monkeypat
         {"surprise": 1},
         {"width": 0},
         {"time_ms": None},
+        {"time": "2026-11-29 20:31:05"},
         {"complete": True},
         {"lost": [{"state": "found"}]},
     ],

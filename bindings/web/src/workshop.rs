@@ -51,7 +51,7 @@ pub fn train(options: &Train, bytes: &[u8]) -> Result<Answer, Failure> {
     }
     let (model, trained) = train_within(&picture, &options.name, preset, options.luma, preset.bytes())?;
     let view = Model::parse(&model)?;
-    warnings.extend(advice::of_model(LABEL, &options.name, &picture, &view, &trained)?);
+    warnings.extend(advice::of_model(LABEL, &options.name, &picture, &view, &trained)?.warnings);
     let mut head = model_object(&view);
     head["warnings"] = warnings.iter().map(|said| in_page(said)).collect();
     head["picture"] = json!([picture.width, picture.height]);

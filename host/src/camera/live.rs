@@ -12,7 +12,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 
 use anyhow::{Result, anyhow};
 use keygraph_core::Model;
@@ -29,7 +29,7 @@ use super::tally::Tally;
 use super::tracker::{State, states};
 use crate::camera::space::Space;
 use crate::region::Unsuitable;
-use crate::report::{frame_line, rounded};
+use crate::report::{frame_line, rounded, timed};
 use crate::search::{Found, Request};
 use crate::trail::Trail;
 
@@ -218,7 +218,9 @@ pub fn search_frames(
             outcome.line["fps"] = rounded(fps, 2);
             outcome.line["dropped"] = json!(live.frames.dropped());
             outcome.line["damaged"] = json!(live.damage.count());
-            outcome.line["age_ms"] = json!(captured.at.elapsed().as_millis());
+            let (now, age) = (SystemTime::now(), captured.at.elapsed());
+            outcome.line["age_ms"] = json!(age.as_millis());
+            outcome.line = timed(outcome.line, Some(now.checked_sub(age).unwrap_or(now)));
             outcome.line["models"] = json!(merged.generation);
             outcome.line["threshold"] = json!(thousandths(request.threshold));
             let go_on = each(&outcome)?;

@@ -67,7 +67,7 @@ pub mod mqtt;
 pub mod signals;
 pub mod session;
 
-use std::io::{self, IsTerminal, Write};
+use std::io::{self, Write};
 use std::path::Path;
 use std::sync::{Arc, Mutex, mpsc};
 use std::time::{Duration, Instant};
@@ -78,6 +78,7 @@ use tracing::level_filters::LevelFilter;
 
 use crate::camera::space::Space;
 use crate::learn::{Learned, Plan};
+use crate::notice::{has_colours, is_quiet};
 use crate::output::{plain, print_line, write_file};
 use crate::picture::Picture;
 use crate::search::{Profile, Request, depth_of};
@@ -231,12 +232,10 @@ fn take_picture(frames: &Slot<Captured>, countdown: Duration) -> Option<Picture>
 
 /// Starts the log on standard error.
 fn log_to_standard_error(level: LevelFilter) {
-    // The convention of no-color.org.
-    let is_plain = std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty());
     let log = tracing_subscriber::fmt()
-        .with_max_level(level)
+        .with_max_level(if is_quiet() { level.min(LevelFilter::ERROR) } else { level })
         .with_target(false)
-        .with_ansi(io::stderr().is_terminal() && !is_plain)
+        .with_ansi(has_colours())
         .with_writer(io::stderr);
     // The journal of systemd adds its own times. A second call, in a test, changes nothing.
     let _ = if std::env::var_os("JOURNAL_STREAM").is_some() { log.without_time().try_init() } else { log.try_init() };

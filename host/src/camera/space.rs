@@ -12,7 +12,7 @@ use crate::input::Picture;
 use crate::lens::Optics;
 use crate::pose::{Calibration, CameraArguments, Place, Steady, Width};
 use crate::region::Unsuitable;
-use crate::report::rounded;
+use crate::report::px;
 use crate::search::Found;
 
 /// The camera and what is known of the objects before it.
@@ -73,7 +73,7 @@ impl Space {
         let Some(calibration) = self.calibration.as_ref().map(|c| c.through(self.lens)) else { return };
         for (i, (d, place)) in found.detections.iter().zip(places.unwrap_or_default()).enumerate() {
             if let Some(pose) = &place.pose {
-                let axes = calibration.axes(d, pose).map(|p| p.map(|v| rounded(v, 2)));
+                let axes = calibration.axes(d, pose).map(|p| p.map(px));
                 line["detections"][i]["axes"] = json!(axes);
             }
         }

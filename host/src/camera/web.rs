@@ -51,6 +51,7 @@ use crate::advice;
 use crate::cutout::parse_outline;
 use crate::learn::{Learned, Plan};
 use crate::picture::decode_jpeg;
+use crate::report::score;
 
 const PAGE: &str = include_str!("../page.html");
 
@@ -368,7 +369,7 @@ fn learn_from(web: &Web, lesson: &Lesson, upload: Upload) -> Result<serde_json::
     let learned = learn(&frame, &outline, &lesson.name, &web.school.plan)?;
     // The model is merged next, which needs the memory.
     drop((frame, alone));
-    let (keygraphs, found) = (learned.trained.keygraphs.kept, learned.found);
+    let (keygraphs, found) = (learned.trained.keygraphs.kept, learned.found.map(score));
     tracing::info!("{} learned: {keygraphs} keygraphs", learned.name);
     let Some(errand) = &web.school.errand else {
         // With an errand, the command that waits for the object warns.

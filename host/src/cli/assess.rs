@@ -9,7 +9,8 @@ use anyhow::{Context, Result, ensure};
 use keygraph::assess::{Assessment, assess};
 use keygraph::heat::Heat;
 use keygraph::learn::{Preset, train};
-use keygraph::output::{Inputs, check_output, plain, print_line};
+use keygraph::notice::notice;
+use keygraph::output::{Inputs, check_output, plain, print_line, tell_written};
 use keygraph::picture::{EXTENSIONS, Part, Picture, extension, read_framed};
 use keygraph::progress::Progress;
 use keygraph::search::Profile;
@@ -64,7 +65,10 @@ impl Arguments {
 
     /// Writes the picture of `--annotate`.
     fn draw(&self, heat: &Heat, picture: &Picture) -> Result<()> {
-        self.annotate.as_deref().map_or(Ok(()), |path| heat.draw(picture).save(path))
+        let Some(path) = &self.annotate else { return Ok(()) };
+        heat.draw(picture).save(path)?;
+        tell_written(path);
+        Ok(())
     }
 
     /// Checks that the file of `--annotate` can be written and is not an input, before any
@@ -121,7 +125,7 @@ fn of_picture(arguments: &Arguments, path: &Path) -> Result<Option<Subject>> {
     ensure!(arguments.picture.is_empty(), "--picture goes with a model, and {} is none: leave it out", path.display());
     let framed = read_framed(path, arguments.crop)?;
     for said in advice::framing(&framed, path, arguments.crop) {
-        eprintln!("keygraph: {}", plain(&said));
+        notice(&plain(&said));
     }
     let (picture, name) = (framed.picture, name_of(path));
     match train(&picture, &name, arguments.preset, arguments.luma) {
@@ -156,12 +160,12 @@ fn assess_objects(arguments: &Arguments, subject: &Subject) -> Result<()> {
         let assessment = assess(&model, index, picture, &options, || progress.tick())?;
         progress.aside(|| arguments.show(&assessment))?;
         if let (Some(sweep), Some(picture)) = (&assessment.sweep, picture) {
-            arguments.draw(&sweep.heat, picture)?;
+            progress.aside(|| arguments.draw(&sweep.heat, picture))?;
         }
     }
     progress.finish();
     if pictures.is_empty() {
-        eprintln!("keygraph: a model holds no picture to render: for the score and the table, give --picture");
+        notice("a model holds no picture to render: for the score and the table, give --picture");
     }
     Ok(())
 }

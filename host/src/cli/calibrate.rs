@@ -8,11 +8,12 @@ use anyhow::{Context, Result, bail, ensure};
 use keygraph::calibrate::{Calibrated, Kind, LEAST_VIEWS, MOST_VIEWS, View, calibrate};
 use keygraph::input::{Picture, Source};
 use keygraph::lens_file;
-use keygraph::output::{Inputs, check_output, plain, plain_lines, print_line, write_file};
+use keygraph::notice::is_quiet;
+use keygraph::output::{Inputs, check_output, plain, plain_lines, print_line, tell_written, write_file};
 use keygraph::progress::Progress;
+use keygraph::report;
 use keygraph::search::{Profile, Request, Shape, search_for};
 use keygraph_core::{DEFAULT_THRESHOLD, Model};
-use serde_json::json;
 
 use super::model_files::{expanded, load, parse};
 
@@ -161,7 +162,7 @@ fn each_frame(
             Err(e) => {
                 unread += 1;
                 if tells {
-                    progress.print(&format!("keygraph: {}", plain_lines(&format!("{e:#}"))));
+                    progress.error(&plain_lines(&format!("{e:#}")));
                 }
             }
         }
@@ -209,15 +210,13 @@ fn tell(
     let names = found.kind.names();
     let used = found.views.iter().flatten().count();
     if arguments.json {
-        let numbers: serde_json::Map<_, _> = names
-            .iter()
-            .zip(found.numbers.iter().zip(&found.uncertainty))
-            .map(|(name, (value, sigma))| ((*name).to_string(), json!({"value": value, "uncertainty": sigma})))
-            .collect();
-        let views = sightings.iter().zip(&found.views);
-        let views: Vec<_> = views.map(|(s, error)| json!({"frame": s.name, "error_px": error})).collect();
-        let line = json!({"numbers": numbers, "error_px": found.error_px, "reach": found.reach, "frames": frames, "views": views});
-        return print_line(&line.to_string());
+        let views = sightings.iter().map(|s| s.name.as_str());
+        print_line(&report::calibration_object(found, frames, views).to_string())?;
+        tell_written(&arguments.output);
+        return Ok(());
+    }
+    if is_quiet() {
+        return Ok(());
     }
     for (name, (value, sigma)) in names.iter().zip(found.numbers.iter().zip(&found.uncertainty)) {
         let digits = if name.starts_with(['f', 'c']) { 2 } else { 5 };
@@ -245,5 +244,6 @@ fn tell(
             100.0 * found.reach
         ))?;
     }
-    print_line(&format!("written: {}", plain(&arguments.output.display().to_string())))
+    tell_written(&arguments.output);
+    Ok(())
 }

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 use keygraph::advice::looks_like;
 use keygraph::alike::{Alike, alike};
+use keygraph::notice::notice;
 use keygraph::output::{file_stem, plain};
 use keygraph::progress::Progress;
 use keygraph_core::{Model, Object};
@@ -85,7 +86,7 @@ fn tell(alike: &Alike, shown: &Object<'_>, taken: &Object<'_>, shared: &Shared) 
         alike.draw(shown, taken).save_png(&path)?;
         said += &format!(" ({})", plain(&path.display().to_string()));
     }
-    eprintln!("keygraph: {said}");
+    notice(&said);
     Ok(())
 }
 

@@ -9,7 +9,8 @@ use clap::error::ErrorKind;
 use keygraph::canvas::Canvas;
 use keygraph::gallery::Gallery;
 use keygraph::input::{Kind, Reading, Source, read_picture};
-use keygraph::output::{Inputs, file_stem, plain, plain_lines, print_line};
+use keygraph::notice::notice;
+use keygraph::output::{Inputs, file_stem, plain, plain_lines, print_line, tell_written_files};
 use keygraph::pose::{Calibration, CameraArguments};
 use keygraph::progress::Progress;
 use keygraph::region::{Look, Unsuitable};
@@ -178,7 +179,7 @@ pub fn search(bytes: &[u8], paths: &[PathBuf], arguments: &Search) -> Result<Exi
     };
     let reading = Reading { recursive: arguments.recursive, reconnect: true };
     let mut source = Source::open_as(&arguments.inputs, reading)?;
-    source.left_out().iter().for_each(|left| eprintln!("keygraph: {}", words::left_out(left)));
+    source.left_out().iter().for_each(|left| notice(&words::left_out(left)));
     let read = arguments.inputs.iter().chain(paths).map(PathBuf::as_path);
     let gallery = |path: &Path| Gallery::new(path, Inputs::of(read.clone()));
     // A slash at its end makes a folder of any name.
@@ -198,9 +199,10 @@ pub fn search(bytes: &[u8], paths: &[PathBuf], arguments: &Search) -> Result<Exi
             Err(e) if e.is::<Unsuitable>() && !suited => return Err(e),
             Err(e) => {
                 failed = true;
-                progress.print(&format!("keygraph: {}", plain_lines(&format!("{e:#}"))));
+                progress.error(&plain_lines(&format!("{e:#}")));
                 if arguments.json {
                     let line = report::error_line(&outcome.source, outcome.frame, &format!("{e:#}"));
+                    let line = report::timed(line, outcome.time);
                     progress.aside(|| print_line(&line.to_string()))?;
                 }
             }
@@ -214,7 +216,8 @@ pub fn search(bytes: &[u8], paths: &[PathBuf], arguments: &Search) -> Result<Exi
                 }
                 let (source, frame) = (&outcome.source, outcome.frame);
                 let text = if arguments.json {
-                    report::frame_line(source, frame, s.size, &model, &s.found, s.places.as_deref()).to_string()
+                    let line = report::frame_line(source, frame, s.size, &model, &s.found, s.places.as_deref());
+                    report::timed(line, outcome.time).to_string()
                 } else if arguments.csv {
                     report::csv_lines(source, frame, &model, &s.found)
                 } else {
@@ -239,7 +242,11 @@ pub fn search(bytes: &[u8], paths: &[PathBuf], arguments: &Search) -> Result<Exi
         drop(gallery);
         return if e.is::<Unsuitable>() { usage_error(ErrorKind::ValueValidation, format!("{e:#}")) } else { Err(e) };
     }
-    gallery.map_or(Ok(()), Gallery::finish)?;
+    for (gallery, path) in [(gallery, &arguments.annotate), (flats, &arguments.rectify)] {
+        if let (Some(gallery), Some(path)) = (gallery, path) {
+            tell_written_files(path, gallery.finish()?);
+        }
+    }
     if let Some(Some(name)) = empty
         && !arguments.track
     {
@@ -266,6 +273,6 @@ fn hint_at_mirror(name: &str, model: &Model<'_>, request: &Request) {
     let found = read_picture(Path::new(name)).and_then(|picture| search_for(&picture, model, &other, 0));
     if found.is_ok_and(|f| !f.detections.is_empty()) {
         let (how, advice) = if other.mirror { ("", "use") } else { ("not ", "leave out") };
-        eprintln!("keygraph: {}: found when {how}mirrored: {advice} --mirror", plain(name));
+        notice(&format!("{}: found when {how}mirrored: {advice} --mirror", plain(name)));
     }
 }

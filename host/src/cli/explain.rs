@@ -8,9 +8,9 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result};
 use clap::error::ErrorKind;
-use keygraph::explain::{TITLES, explain};
+use keygraph::explain::{Topic, explain};
 use keygraph::input::{Source, is_stdin, shown};
-use keygraph::output::{Inputs, check_output, plain, print_line, write_file};
+use keygraph::output::{Inputs, check_output, plain, print_line, tell_written, write_file};
 use keygraph::picture::read_framed;
 use keygraph::search::{Profile, Request, depth_of, parse_threshold};
 use keygraph_core::{DEFAULT_THRESHOLD, Model};
@@ -61,8 +61,7 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode> {
     // Before the work: what would not be written is said at once.
     fs::create_dir_all(output).with_context(|| format!("cannot make the folder {}", output.display()))?;
     let inputs = Inputs::of([picture.as_path(), frame.as_path()]);
-    let files: Vec<_> = TITLES.iter().enumerate().map(|(i, title)| format!("{}-{title}.jpg", i + 1)).collect();
-    for name in files.iter().map(String::as_str).chain(["explain.md"]) {
+    for name in Topic::ALL.map(Topic::file_name).into_iter().chain(["explain.md".into()]) {
         check_output(&output.join(name), &inputs)?;
     }
     let framed = read_framed(picture, None)?;
@@ -82,21 +81,20 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode> {
         writeln!(page, "- {advice}")?;
         print_line(&format!("- {advice}"))?;
     }
-    for (title, name) in TITLES.iter().zip(&files) {
-        let path = output.join(name);
-        let Some(chapter) = explanation.chapters.iter().find(|c| c.title == *title) else {
+    for topic in Topic::ALL {
+        let (title, name) = (topic.title(), topic.file_name());
+        let path = output.join(&name);
+        let Some(chapter) = explanation.chapters.iter().find(|c| c.topic == topic) else {
             // That of a run before would show another frame.
             let _ = fs::remove_file(&path);
             continue;
         };
         chapter.canvas.save(&path)?;
-        let (first, rest) = title.split_at(1);
-        let title = first.to_uppercase() + rest;
         write!(page, "\n## {title}\n\n{}\n\n![{title}]({name})\n", chapter.text)?;
     }
     let path = output.join("explain.md");
     write_file(&path, |file| Ok(file.write_all(page.as_bytes())?))?;
-    print_line(&format!("{}: the stages, in words and pictures", plain(&path.display().to_string())))?;
+    tell_written(&path);
     Ok(ExitCode::SUCCESS)
 }
 

@@ -8,6 +8,7 @@ use anyhow::{Context, Result};
 use clap::error::ErrorKind;
 use keygraph::advice;
 use keygraph::learn::{Plan, train};
+use keygraph::notice::notice;
 use keygraph::output::plain;
 use keygraph::picture::{Framed, read_framed};
 use keygraph_core::Model;
@@ -48,14 +49,14 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode> {
 pub fn model_of(path: &Path, framed: &Framed) -> Result<Vec<u8>> {
     let label = plain(&path.display().to_string()).into_owned();
     for said in advice::framing(framed, path, None) {
-        eprintln!("keygraph: {}", plain(&said));
+        notice(&plain(&said));
     }
     let (plan, name) = (Plan::default(), name_of(path));
     check_colour(&framed.picture, &label, &plan)?;
     let trained = train(&framed.picture, &name, plan.preset, plan.luma);
     let (bytes, trained) = trained.with_context(|| format!("cannot train on {label}"))?;
-    for said in advice::of_model(&label, &name, &framed.picture, &Model::parse(&bytes)?, &trained)? {
-        eprintln!("keygraph: {}", plain(&said));
+    for said in advice::of_model(&label, &name, &framed.picture, &Model::parse(&bytes)?, &trained)?.warnings {
+        notice(&plain(&said));
     }
     Ok(bytes)
 }

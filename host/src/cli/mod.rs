@@ -27,18 +27,27 @@ mod order;
 mod pack;
 mod train;
 
+use std::env;
+use std::ffi::OsString;
 use std::fmt::Display;
 use std::process::ExitCode;
 
 use anyhow::Result;
 use clap::error::ErrorKind;
-use clap::{CommandFactory, Parser, Subcommand};
+use clap::{ColorChoice, CommandFactory, Parser, Subcommand};
+use keygraph::notice::{keep_quiet, set_colours};
 
 /// Finds planar objects (books, posters, boxes, signs) in camera frames from one
 /// picture of each.
 #[derive(Debug, Parser)]
 #[command(version)]
 struct Cli {
+    /// Say only what fails: no notices, no progress, and no report of a file that was written
+    #[arg(short, long, global = true, help_heading = "Of all commands")]
+    quiet: bool,
+    /// When messages and help have colours; NO_COLOR in the environment turns them off too
+    #[arg(long, global = true, value_name = "WHEN", default_value = "auto", help_heading = "Of all commands")]
+    color: ColorChoice,
     #[command(subcommand)]
     command: Command,
 }
@@ -102,7 +111,16 @@ enum Command {
 /// # Errors
 /// When the command fails. A wrong command line ends the program with status 2.
 pub fn run() -> Result<ExitCode> {
-    match Cli::parse().command {
+    // A wrong command line is told in colours or without, too.
+    if let Some(when) = wanted_colours(env::args_os()) {
+        set_colours(when);
+    }
+    let cli = Cli::parse();
+    set_colours(cli.color);
+    if cli.quiet {
+        keep_quiet();
+    }
+    match cli.command {
         Command::Train(arguments) => train::run(&arguments)?,
         Command::Pack(arguments) => pack::run(&arguments)?,
         Command::Inspect(arguments) => inspect::run(&arguments)?,
@@ -122,6 +140,14 @@ pub fn run() -> Result<ExitCode> {
         Command::Demo(arguments) => demo::run(&arguments)?,
     }
     Ok(ExitCode::SUCCESS)
+}
+
+/// What `--color` says, before the command line is known to be right.
+fn wanted_colours(arguments: impl Iterator<Item = OsString>) -> Option<ColorChoice> {
+    let arguments: Vec<_> = arguments.take_while(|a| a != "--").map(|a| a.to_string_lossy().into_owned()).collect();
+    let apart = arguments.windows(2).filter(|pair| pair[0] == "--color").map(|pair| pair[1].as_str());
+    let joined = arguments.iter().filter_map(|a| a.strip_prefix("--color="));
+    joined.chain(apart).find_map(|when| when.parse().ok())
 }
 
 /// Ends the program with status 2, as a wrong command line does.

@@ -4,6 +4,7 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use anyhow::Result;
+use keygraph::notice::{is_quiet, notice};
 use keygraph::output::{Inputs, check_model_output, print_line, write_file};
 use keygraph::words;
 
@@ -40,13 +41,12 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let packed = merged(&parts, models)?;
     let model = parse(&packed, models)?;
     write_file(output, |file| Ok(file.write_all(&packed)?))?;
-    print_line(&format!("{} objects\n{}", model.objects(), words::model(&model, output)))?;
+    if !is_quiet() {
+        print_line(&format!("{} objects\n{}", model.objects(), words::model(&model, output)))?;
+    }
     if *compare || model.objects() <= COMPARED {
         return tell_among(&parts, shared);
     }
-    eprintln!(
-        "keygraph: {} objects are not compared with each other: --compare tells which look alike",
-        model.objects()
-    );
+    notice(&format!("{} objects are not compared with each other: --compare tells which look alike", model.objects()));
     Ok(())
 }

@@ -10,7 +10,8 @@ use clap::error::ErrorKind;
 #[cfg(feature = "live")]
 use keygraph::camera::{arguments::Lesson, learn_from_camera};
 use keygraph::learn::{Learned, Plan, Preset, has_colour, train_within};
-use keygraph::output::{Inputs, check_model_output, check_name, is_plain, plain, print_line, write_file};
+use keygraph::notice::{is_quiet, notice};
+use keygraph::output::{Inputs, check_model_output, check_name, is_plain, plain, print_line, tell_written, write_file};
 use keygraph::picture::{Part, Picture, read_framed};
 use keygraph::{advice, report, words};
 use keygraph_core::Model;
@@ -54,6 +55,9 @@ pub struct Arguments {
     /// Print the report as one JSON object
     #[arg(long)]
     json: bool,
+    /// Add what training made and what the model holds, in numbers
+    #[arg(short, long, conflicts_with_all = ["json", "quiet"])]
+    verbose: bool,
     /// How the picture is taken from a camera.
     #[cfg(feature = "live")]
     #[command(flatten, next_help_heading = "From a camera")]
@@ -113,7 +117,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 fn train_on_picture(arguments: &Arguments, path: &Path, beside: &[Vec<u8>]) -> Result<()> {
     let framed = read_framed(path, arguments.crop)?;
     for said in advice::framing(&framed, path, arguments.crop) {
-        eprintln!("keygraph: {}", plain(&said));
+        notice(&plain(&said));
     }
     let (picture, label, plan) = (framed.picture, plain(&path.display().to_string()).into_owned(), arguments.plan());
     check_colour(&picture, &label, &plan)?;
@@ -141,7 +145,7 @@ pub fn check_colour(picture: &Picture, label: &str, plan: &Plan) -> Result<()> {
         (false, Preset::Paper) if !plan.luma => {
             bail!("{label} has no colour, which the paper's features are made of: use another preset");
         }
-        (false, _) if !plan.luma => eprintln!("keygraph: {label} has no colour: trained on luma alone"),
+        (false, _) if !plan.luma => notice(&format!("{label} has no colour: trained on luma alone")),
         _ => {}
     }
     Ok(())
@@ -151,18 +155,27 @@ pub fn check_colour(picture: &Picture, label: &str, plan: &Plan) -> Result<()> {
 /// that it will be used with.
 fn tell(arguments: &Arguments, label: &str, learned: &Learned, beside: &[Vec<u8>]) -> Result<()> {
     let model = Model::parse(&learned.model)?;
-    for said in advice::of_model(label, &learned.name, &learned.picture, &model, &learned.trained)? {
-        eprintln!("keygraph: {}", plain(&said));
-    }
+    let mut review = advice::of_model(label, &learned.name, &learned.picture, &model, &learned.trained)?;
+    review.warnings.iter().for_each(|said| notice(&plain(said)));
     let alike = tell_beside(&model.object(0), beside, &arguments.shared)?;
     if arguments.json {
         let mut object = report::model_object(&model);
         if !beside.is_empty() {
             object["alike"] = alike.iter().map(|p| report::alike_object(&p.object, &p.alike)).collect();
         }
-        return print_line(&object.to_string());
+        print_line(&object.to_string())?;
+        tell_written(&arguments.output);
+        return Ok(());
     }
-    print_line(&format!("picture    {label}, {}x{} px", learned.picture.width, learned.picture.height))?;
-    print_line(&words::training(&learned.trained))?;
-    print_line(&words::model(&model, &arguments.output))
+    if is_quiet() {
+        return Ok(());
+    }
+    // That luma is used alone was asked for, or is said already.
+    review.limits.retain(|l| l.kind != "no chroma");
+    let size = (learned.picture.width, learned.picture.height);
+    print_line(&words::trained(&model, label, size, &review, &arguments.output))?;
+    if arguments.verbose {
+        print_line(&format!("\n{}\n{}", words::training(&learned.trained), words::model(&model, &arguments.output)))?;
+    }
+    Ok(())
 }

@@ -24,14 +24,56 @@ const LOOKS_RIGHT: f32 = 0.3;
 /// Score from which a pose that is not believed is worth a look.
 const NEARLY: f32 = 0.2;
 
-/// The titles of all chapters, in their order.
-pub const TITLES: [&str; 7] = ["corners", "triangles", "keygraph", "matches", "votes", "poses", "look"];
+/// What a chapter is about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Topic {
+    /// Corners of the frame.
+    Corners,
+    /// Triangles that join them.
+    Triangles,
+    /// One keygraph, in the picture and in the frame.
+    Keygraph,
+    /// Keygraphs that look alike.
+    Matches,
+    /// Votes for a place.
+    Votes,
+    /// Poses that were tried.
+    Poses,
+    /// The picture beside what is seen.
+    Look,
+}
+
+impl Topic {
+    /// All topics, in the order of the chapters.
+    pub const ALL: [Self; 7] =
+        [Self::Corners, Self::Triangles, Self::Keygraph, Self::Matches, Self::Votes, Self::Poses, Self::Look];
+
+    /// The title of the chapter.
+    #[must_use]
+    pub const fn title(self) -> &'static str {
+        match self {
+            Self::Corners => "Corners",
+            Self::Triangles => "Triangles",
+            Self::Keygraph => "Keygraph",
+            Self::Matches => "Matches",
+            Self::Votes => "Votes",
+            Self::Poses => "Poses",
+            Self::Look => "Look",
+        }
+    }
+
+    /// The name of the file with its picture.
+    #[must_use]
+    pub fn file_name(self) -> String {
+        format!("{}-{}.jpg", self as usize + 1, self.title().to_lowercase())
+    }
+}
 
 /// One stage of the explanation.
 #[derive(Debug)]
 pub struct Chapter {
-    /// What it is about: one of [`TITLES`].
-    pub title: &'static str,
+    /// What it is about.
+    pub topic: Topic,
     /// The picture.
     pub canvas: Canvas,
     /// What the picture shows, and what the stage made.
@@ -155,7 +197,7 @@ impl Case<'_> {
         let sizes: Vec<_> = trace.levels.iter().map(|l| format!("{} at 1/{}", l.corners.len(), 1 << l.level)).collect();
         let mut chapters = vec![
             Chapter {
-                title: "corners",
+                topic: Topic::Corners,
                 canvas: draw::corners(frame, &trace.levels),
                 text: format!(
                     "Corners are places whose surroundings change in every direction. Each level of the pyramid has its \
@@ -170,7 +212,7 @@ impl Case<'_> {
                 ),
             },
             Chapter {
-                title: "triangles",
+                topic: Topic::Triangles,
                 canvas: draw::triangles(frame, coarse),
                 text: format!(
                     "Nested Delaunay triangulations join corners to triangles, large and small; here those of level {}. \
@@ -182,7 +224,7 @@ impl Case<'_> {
         ];
         if let Some(pair) = self.pairs.first() {
             chapters.push(Chapter {
-                title: "keygraph",
+                topic: Topic::Keygraph,
                 canvas: draw::keygraph(frame, &self.picture, pair),
                 text: "One keygraph of the picture (left) and the one of the frame that it was matched to (right), turned, \
                        scaled and tilted to one shape. Its feature is light and colour in and around the triangle."
@@ -191,7 +233,7 @@ impl Case<'_> {
         }
         let which = if self.best.is_some() { "best pose" } else { "heaviest candidate" };
         chapters.push(Chapter {
-            title: "matches",
+            topic: Topic::Matches,
             canvas: draw::matches(frame, &self.picture, &self.pairs),
             text: format!(
                 "Each keygraph of the frame is compared with those of the picture that have its angles. {} matches look \
@@ -202,7 +244,7 @@ impl Case<'_> {
         });
         let weights: Vec<_> = trace.candidates.iter().take(3).map(|c| c.weight.to_string()).collect();
         chapters.push(Chapter {
-            title: "votes",
+            topic: Topic::Votes,
             canvas: draw::votes(frame, trace),
             text: format!(
                 "Each match votes for a place, a size and a rotation. A dot is where a vote puts the middle of the object; \
@@ -213,7 +255,7 @@ impl Case<'_> {
             ),
         });
         chapters.push(Chapter {
-            title: "poses",
+            topic: Topic::Poses,
             canvas: draw::poses(frame, &trace.aligned, &self.found),
             text: format!(
                 "Candidates grow over the corners that agree, and are aligned to the frame by its gradients: {} grew, and \
@@ -224,7 +266,7 @@ impl Case<'_> {
         });
         if let (Some(d), Some((canvas, share))) = (self.best, &self.look) {
             chapters.push(Chapter {
-                title: "look",
+                topic: Topic::Look,
                 canvas: canvas.clone(),
                 text: format!(
                     "The picture, what the frame shows at the {}, and block by block whether the two agree (green) or not \

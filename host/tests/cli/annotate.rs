@@ -30,7 +30,8 @@ fn one_annotated_picture_goes_to_a_file() {
     let folder = Folder::new("annotate-file");
     let model = astronaut(&folder);
     let (one, two) = (folder.join("one.png"), folder.join("two.png"));
-    keygraph!("detect", "-m", model, frame(0), "--annotate", one).ended_with(0);
+    let run = keygraph!("detect", "-m", model, frame(0), "--annotate", one).ended_with(0);
+    assert_eq!(run.err, format!("keygraph: written: {}\n", one.display()));
     assert_eq!(pixels(&one).dimensions(), (640, 480));
     keygraph!("detect", "-m", model, frame(0), frame(1), "--annotate", two).ended_with(1).said(&[
         "two.png",

@@ -12,6 +12,7 @@ fn a_frame_that_shows_the_object_is_explained_stage_by_stage() {
     let out = folder.join("out");
     let run = keygraph!("explain", picture("astronaut"), frame(5), "-o", out).ended_with(0);
     assert!(run.out.starts_with("astronaut is found, with a score of 1.00."), "{}", run.out);
+    run.said(&["written: ", "out/explain.md"]);
     let page = fs::read_to_string(out.join("explain.md")).unwrap();
     let stages = ["corners", "triangles", "keygraph", "matches", "votes", "poses", "look"];
     for (i, stage) in stages.iter().enumerate() {

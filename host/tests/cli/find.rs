@@ -4,7 +4,7 @@ use std::fs;
 
 use image::imageops::{FilterType, resize, rotate180};
 
-use crate::lines::path;
+use crate::lines::{self, path};
 use crate::program::{Folder, frame, picture, pixels};
 use crate::{astronaut, compact};
 
@@ -40,6 +40,12 @@ fn comma_separated_values_have_a_line_for_each_object() {
     assert!(lines[1].starts_with(&start), "{}", lines[1]);
     let corners: Vec<f64> = lines[1].rsplit(',').take(8).map(|v| v.parse().unwrap()).collect();
     assert!((corners[7] - 178.8).abs() < 1.0, "x of the first corner, px: {corners:?}");
+    // They are the numbers of JSON.
+    let told = &keygraph!("detect", "-m", model, "--json", frame(4)).ended_with(0).lines()[0]["detections"][0];
+    let [score, visible] = ["score", "visible"].map(|key| told[key].as_f64().unwrap());
+    let values: Vec<f64> = lines[1].rsplit(',').take(10).map(|v| v.parse().unwrap()).collect();
+    assert_eq!(values[8..], [visible, score]);
+    assert!(values[..8].iter().rev().eq(lines::corners(told).as_flattened()), "{values:?} are not those of {told}");
     keygraph!("detect", "-m", model, "--csv", "--json", frame(0)).ended_with(2);
 }
 
@@ -76,7 +82,9 @@ fn objects_are_written_as_they_look_flat() {
     let folder = Folder::new("rectify");
     let (model, flat) = (astronaut(&folder), folder.join("flat"));
     // Turned by 170 degrees; nothing; and turned by 20.
-    keygraph!("detect", "-m", model, "--rectify", flat, frame(16), picture("rocket"), frame(4)).ended_with(0);
+    keygraph!("detect", "-m", model, "--rectify", flat, frame(16), picture("rocket"), frame(4))
+        .ended_with(0)
+        .said(&["written: 2 files in ", &path(&flat)]);
     let mut names: Vec<_> =
         fs::read_dir(&flat).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
     names.sort();

@@ -3,14 +3,13 @@
 use std::fs;
 use std::io::{Read, Write};
 use std::net::TcpListener;
-use std::process::Command;
 use std::thread;
 
 use image::ImageFormat;
 
 use crate::astronaut;
 use crate::lines::{assert_outline, count, only, path, text};
-use crate::program::{Folder, frame, pixels, run_in};
+use crate::program::{Folder, frame, has_ffmpeg, is_stamp, pixels, run_in};
 
 #[test]
 fn standard_input_may_be_a_picture_or_many() {
@@ -29,7 +28,10 @@ fn standard_input_may_be_a_picture_or_many() {
         for (index, line) in lines.iter().enumerate() {
             assert_eq!((text(line, "source"), count(line, "frame")), ("-", index as u64));
             only(line);
-            assert_outline(&line["detections"][0], [512.0, 512.0], 0.01);
+            assert_outline(&line["detections"][0], [512.0, 512.0], 0.02);
+            // Pictures one after the other come from a camera.
+            assert_eq!(line.get("time").is_some(), frames > 1, "{line}");
+            assert!(frames == 1 || is_stamp(&line["time"]), "{line}");
         }
     }
     // A single picture is drawn as one, and not as a video.
@@ -65,20 +67,10 @@ fn folders_in_folders_are_read_when_asked_for() {
     assert_eq!(run.err, "");
 }
 
-/// Whether there is an ffmpeg. Prints a line that cargo does not hide when there is none.
-fn has_ffmpeg() -> bool {
-    if Command::new("ffmpeg").arg("-version").output().is_ok() {
-        return true;
-    }
-    assert!(std::env::var_os("KEYGRAPH_MUST_NOT_SKIP").is_none(), "no ffmpeg, and nothing may be skipped");
-    let _ = writeln!(std::io::stderr(), "SKIPPED: no ffmpeg to read an address with");
-    false
-}
-
 #[test]
 fn an_address_is_read_by_ffmpeg_and_told_without_its_password() {
     let folder = Folder::new("address");
-    if !has_ffmpeg() {
+    if !has_ffmpeg("read an address") {
         return;
     }
     let model = astronaut(&folder);
@@ -100,6 +92,7 @@ fn an_address_is_read_by_ffmpeg_and_told_without_its_password() {
     let run = keygraph!("detect", "-m", model, address, "--json").ended_with(0);
     assert_eq!(text(&run.lines()[0], "source"), format!("http://me:***@127.0.0.1:{port}/now.jpg"));
     only(&run.lines()[0]);
+    assert!(is_stamp(&run.lines()[0]["time"]), "{}", run.out);
     let address = format!("http://127.0.0.1:{port}/now?token=secret");
     let run = keygraph!("detect", "-m", model, address, "--json").ended_with(0);
     assert_eq!(run.lines().len(), 1, "{}", run.out);

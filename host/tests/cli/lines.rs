@@ -79,8 +79,10 @@ pub fn assert_line(line: &Value, source: &str, index: u64, sides: (u64, u64)) {
         assert!((0.0..=last).contains(&score), "scores from 1 down to 0, best first: {line}");
         last = score;
         count(d, "votes");
-        corners(d);
+        let places = corners(d);
+        assert!(places.as_flattened().iter().all(|v| decimals(*v) <= 2), "places to 0.01 px: {places:?}");
         let h = numbers::<9>(&d["homography"]);
+        assert!(h.iter().all(|v| digits(*v) <= 7), "seven digits: {h:?}");
         assert!((h[8] - 1.0).abs() < 1e-6, "the last number of a homography is 1: {h:?}");
     }
     let stages = line["stages"].as_object().unwrap();
@@ -95,6 +97,16 @@ pub fn assert_line(line: &Value, source: &str, index: u64, sides: (u64, u64)) {
     for name in STAGES.iter().chain(&["total"]) {
         assert!(times[*name].as_f64().unwrap() >= 0.0, "{name} in {times:?}");
     }
+}
+
+/// Number of significant digits of a number.
+fn digits(v: f64) -> usize {
+    format!("{v:e}").split('e').next().unwrap_or_default().matches(|c: char| c.is_ascii_digit()).count()
+}
+
+/// Number of decimals that a number has in JSON.
+pub fn decimals(v: f64) -> usize {
+    v.to_string().split_once('.').map_or(0, |(_, rest)| rest.len())
 }
 
 /// Asserts that the homography maps the corners of a picture of `w` x `h` px to the corners

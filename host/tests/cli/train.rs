@@ -15,7 +15,7 @@ fn report(name: &str, options: &[&str]) -> Value {
     let mut arguments = args!["train", picture(name), "-o", model, "--json"].to_vec();
     arguments.extend(options.iter().map(Into::into));
     let trained = run_in(&folder.0, &arguments, b"").ended_with(0);
-    assert_eq!(trained.err, "", "standard error");
+    assert_eq!(trained.err, format!("keygraph: written: {}\n", model.display()), "standard error");
     let report = trained.object();
     for key in ["keypoints", "triples", "keygraphs", "cells_used", "largest_cell", "bytes"] {
         assert!(count(&report, key) > 0, "{key} in {report}");
@@ -60,6 +60,38 @@ fn a_cap_too_small_for_a_model_is_refused_with_what_is_needed() {
 fn the_default_preset_is_large_and_keeps_its_size() {
     let large = report("chelsea", &[]);
     assert!((1_500_000..=2_000_000).contains(&count(&large, "bytes")), "{large}");
+}
+
+#[test]
+fn the_report_is_for_users_and_its_numbers_are_extra() {
+    let folder = Folder::new("words");
+    let model = folder.join("my book.kgm");
+    let run = keygraph!("train", picture("astronaut"), "-o", model).ended_with(0);
+    assert_eq!(run.err, "");
+    for part in [
+        "object     astronaut, from ",
+        "found      yes, in its own picture: score 1.00, outline 0.",
+        "picture    good: ",
+        &format!("written    {}, 2.0 MB\n", model.display()),
+        &format!("next       keygraph detect -m '{}' photo.jpg\n", model.display()),
+    ] {
+        assert!(run.out.contains(part), "{part:?} is not in\n{}", run.out);
+    }
+    assert!(!run.out.contains("subsets"), "{}", run.out);
+    let long = keygraph!("train", picture("astronaut"), "-o", model, "--verbose").ended_with(0).out;
+    assert!(long.starts_with(&run.out) && long.contains("subsets ") && long.contains("views "), "{long}");
+    // What limits a picture is told with what to do, once.
+    let (dull, model) = (folder.join("dull.png"), folder.join("dull.kgm"));
+    let mut photo = image::open(picture("coffee")).unwrap().into_rgb8();
+    photo.pixels_mut().for_each(|p| p.0 = p.0.map(|v| 110 + v / 9));
+    photo.save(&dull).unwrap();
+    let run = keygraph!("train", dull, "-o", model).ended_with(0);
+    assert!(run.out.contains("picture    could be better:\n           - low contrast: "), "{}{}", run.out, run.err);
+    assert!(run.out.contains("take the picture in better light"), "{}", run.out);
+    let (narrow, model) = (folder.join("narrow.png"), folder.join("narrow.kgm"));
+    imageops::crop_imm(&pixels(&picture("coffee")), 0, 150, 600, 110).to_image().save(&narrow).unwrap();
+    let run = keygraph!("train", narrow, "-o", model).ended_with(0).said(&["times as long as wide"]);
+    assert!(run.out.contains("picture    could be better, as said above\n"), "{}", run.out);
 }
 
 #[test]

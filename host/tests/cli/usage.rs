@@ -1,9 +1,12 @@
 //! Wrong command lines, help, and models that cannot be read.
 
+use std::fs;
+use std::process::Command;
+
 use image::RgbImage;
 
 use crate::lines::path;
-use crate::program::{Folder, frame, keygraph, run_in};
+use crate::program::{Folder, frame, keygraph, picture, run_in};
 use crate::{ASTRONAUT, astronaut};
 
 #[test]
@@ -48,6 +51,46 @@ fn help_and_version_end_with_0() {
         let run = keygraph(arguments).ended_with(0);
         assert!(run.out.contains("keygraph"), "{arguments:?}: {}", run.out);
     }
+}
+
+#[test]
+fn colours_are_shown_when_asked_for() {
+    let said = |arguments: &[&str], colour: Option<&str>| {
+        let mut program = Command::new(env!("CARGO_BIN_EXE_keygraph"));
+        program.args(arguments).env_remove("NO_COLOR");
+        program.envs(colour.map(|value| ("NO_COLOR", value)));
+        let done = program.output().unwrap();
+        String::from_utf8([done.stderr, done.stdout].concat()).unwrap().contains('\u{1b}')
+    };
+    for command in [&["detect", "--nonsense"][..], &["inspect", "/no/such.kgm"], &["train", "--help"]] {
+        let with = |more: &[&'static str]| [command, more].concat();
+        assert!(!said(command, None), "no terminal, no colours: {command:?}");
+        assert!(said(&with(&["--color", "always"]), None), "{command:?}");
+        assert!(said(&with(&["--color=always"]), Some("1")), "what is asked for here counts: {command:?}");
+        assert!(!said(&with(&["--color", "never"]), None), "{command:?}");
+    }
+    keygraph(&["inspect", "m.kgm", "--color", "blue"]).ended_with(2).said(&["always"]);
+}
+
+#[test]
+fn quiet_leaves_errors_and_results() {
+    let folder = Folder::new("quiet");
+    let (model, frames, out) = (astronaut(&folder), folder.join("frames"), folder.join("out"));
+    fs::create_dir(&frames).unwrap();
+    fs::copy(frame(0), frames.join("0.jpg")).unwrap();
+    folder.file("frames/notes.txt", b"");
+    let told = keygraph!("detect", "-m", model, frames, "--annotate", out).ended_with(0);
+    told.said(&["left out", "notes.txt", "written: 1 file in ", &path(&out)]);
+    let run = keygraph!("-q", "detect", "-m", model, frames, "--annotate", out).ended_with(0);
+    assert_eq!((run.err.as_str(), run.out.lines().count()), ("", 1), "{}", run.out);
+    let run = keygraph!("detect", "--quiet", "-m", model, frames, folder.join("none.jpg")).ended_with(1);
+    assert_eq!(run.err.lines().count(), 1, "{}", run.err);
+    run.said(&["none.jpg", "no such file"]);
+    let made = folder.join("made.kgm");
+    let run = keygraph!("train", picture("brick"), "-o", made, "--preset", "compact", "-q").ended_with(0);
+    assert_eq!((run.out.as_str(), run.err.as_str()), ("", ""));
+    let run = keygraph!("pack", made, "-o", folder.join("all.kgm"), "-q").ended_with(0);
+    assert_eq!((run.out.as_str(), run.err.as_str()), ("", ""));
 }
 
 #[test]

@@ -10,6 +10,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::thread;
+use std::time::{Duration, SystemTime};
 
 use image::RgbImage;
 use keygraph::annotate::Canvas;
@@ -103,6 +104,25 @@ impl Run {
 pub fn numbers<const N: usize>(v: &Value) -> [f64; N] {
     let all: Vec<f64> = v.as_array().unwrap().iter().map(|n| n.as_f64().unwrap()).collect();
     all.try_into().unwrap_or_else(|_| panic!("not {N} numbers: {v}"))
+}
+
+/// Whether a JSON value is a time in UTC as in RFC 3339, to the millisecond, of this day or so.
+pub fn is_stamp(v: &Value) -> bool {
+    let shape = |c: char| if c.is_ascii_digit() { '0' } else { c };
+    let text = v.as_str().unwrap_or_default();
+    let time = humantime::parse_rfc3339(text);
+    let near = |time: SystemTime| time.elapsed().is_ok_and(|past| past < Duration::from_secs(3600));
+    text.chars().map(shape).eq("0000-00-00T00:00:00.000Z".chars()) && time.is_ok_and(near)
+}
+
+/// Whether there is an ffmpeg to do `what`. Prints a line that cargo does not hide when there is none.
+pub fn has_ffmpeg(what: &str) -> bool {
+    if Command::new("ffmpeg").arg("-version").output().is_ok() {
+        return true;
+    }
+    assert!(std::env::var_os("KEYGRAPH_MUST_NOT_SKIP").is_none(), "no ffmpeg, and nothing may be skipped");
+    let _ = writeln!(std::io::stderr(), "SKIPPED: no ffmpeg to {what}");
+    false
 }
 
 // --------------------------------------------------------------------- files

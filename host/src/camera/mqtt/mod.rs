@@ -57,6 +57,7 @@ use tokio::time::{Instant, sleep_until, timeout};
 
 use super::live::{Live, Outcome};
 use super::tracker::State;
+use crate::clock::stamp;
 use board::Board;
 use broker::Broker;
 use fleet::Fleet;
@@ -96,7 +97,6 @@ impl Publisher {
     /// Takes the outcome of a frame. Does not wait.
     pub fn take(&mut self, outcome: &Outcome) {
         let topics = &self.broker.topics;
-        let time = messages::time_of(&outcome.line);
         // Of objects with one name, the greatest state counts.
         let mut states: BTreeMap<&str, (State, Option<f32>)> = BTreeMap::new();
         for (name, state, score) in &outcome.objects {
@@ -120,14 +120,14 @@ impl Publisher {
                 self.board.set(config, messages::config(topics, name));
             }
             if before != Some(&state) {
-                let payload = messages::state(name, state, score, &outcome.line, &time);
+                let payload = messages::state(name, state, score, &outcome.line);
                 self.board.set_state(topics.object(name), name, payload);
             }
         }
         self.before = states.into_iter().map(|(name, (state, _))| (name.to_string(), state)).collect();
         let is_found = outcome.line["detections"].as_array().is_some_and(|d| !d.is_empty());
         if is_found || self.was_found {
-            let line = messages::detections(&outcome.line, &time);
+            let line = outcome.line.to_string();
             if line.len() <= MOST_BYTES {
                 self.board.set_line(line);
             } else {
@@ -194,7 +194,7 @@ async fn deliver(
 
 /// Publishes that the program ends, waits until the broker has it, and disconnects.
 async fn say_goodbye(client: &AsyncClient, board: &Board, connection: &mut JoinHandle<()>) -> anyhow::Result<()> {
-    board.end(&messages::stamp(SystemTime::now()));
+    board.end(&stamp(SystemTime::now()));
     let mut last = None;
     while let Some((topic, payload)) = board.next() {
         last = Some(client.publish_tracked(topic, payload, KEPT).await?);

@@ -17,9 +17,10 @@ use tokio::time::sleep;
 use super::super::live::Live;
 use super::board::Board;
 use super::fleet::Fleet;
-use super::messages::{self, stamp};
+use super::messages;
 use super::order::Order;
 use super::topics::Topics;
+use crate::clock::stamp;
 
 /// Minimum and maximum time between two attempts.
 const PAUSES: [Duration; 2] = [Duration::from_secs(5), Duration::from_secs(300)];
