@@ -12,8 +12,8 @@
 //! chroma beside models in colour. Second tiers that are empty in all objects are left out of a part.
 //!
 //! Memory: 7 KB of stack for [`pack`]. Cost: one pass over the bytes, a heap sort of every subset
-//! of the lists, and four passes over the keygraphs to choose the most likely ones (about 40 ms for
-//! each object).
+//! of the lists, and one look at the surroundings of each keygraph to choose the most likely ones (about
+//! 10 ms for each object).
 
 use core::ops::Range;
 
@@ -198,12 +198,13 @@ struct Choice {
 }
 
 impl Choice {
-    fn new(m: &Model<'_>, object: u16, objects: usize) -> Self {
+    /// `costs` are those of the object's keygraphs, and `shares` what the lists take of them.
+    fn new(costs: impl Iterator<Item = usize>, shares: [usize; 2]) -> Self {
         let mut counts = [(0, [0; 2]); COSTS];
-        for (_, i) in own_keygraphs(m, object) {
-            counts[class(m, i)].0 += 1;
+        for cost in costs {
+            counts[cost].0 += 1;
         }
-        let mut left = shares(m, object, objects);
+        let mut left = shares;
         for (n, taken) in &mut counts {
             let mut rest = *n;
             for (taken, left) in taken.iter_mut().zip(&mut left) {
@@ -215,12 +216,11 @@ impl Choice {
         Self { counts, seen: [[0; 2]; COSTS] }
     }
 
-    /// Returns the list that takes keygraph `i`, if any. The caller passes every keygraph of the
-    /// object once, in the order in which [`Choice::new`] counted them.
-    fn list(&mut self, m: &Model<'_>, i: usize) -> Option<usize> {
-        let class = class(m, i);
-        let (n, [first, second]) = self.counts[class];
-        let [seen, taken] = &mut self.seen[class];
+    /// Returns the list that takes a keygraph of this cost, if any. The caller passes every keygraph of
+    /// the object once.
+    fn list(&mut self, cost: usize) -> Option<usize> {
+        let (n, [first, second]) = self.counts[cost];
+        let [seen, taken] = &mut self.seen[cost];
         *seen += 1;
         is_one_of(first + second, n, *seen - 1).then(|| {
             *taken += 1;
@@ -229,21 +229,51 @@ impl Choice {
     }
 }
 
-/// The cost of a keygraph, at most [`MAX_COST`].
-fn class(m: &Model<'_>, keygraph: usize) -> usize {
-    m.cost(keygraph).min(MAX_COST) as usize
+/// Places for the costs of all keygraphs while the lists are written: each is where the keygraph's feature
+/// will be when all is written.
+struct Costs {
+    start: usize,
+    each: usize,
+}
+
+impl Costs {
+    /// Computes the costs, which takes most of the time of packing.
+    fn write<'a>(parts: impl Parts<'a>, plan: &Plan, out: &mut [u8]) -> Self {
+        let each = plan.feature_bytes();
+        let costs = Self { start: plan.layout.features + each * plan.counts.listed, each };
+        let mut place = costs.start;
+        for o in each_object(parts) {
+            for (_, i) in own_keygraphs(&o.model, o.object) {
+                out[place] = u8::try_from(o.model.cost(i).min(MAX_COST)).unwrap_or(u8::MAX);
+                place += each;
+            }
+        }
+        costs
+    }
+
+    /// Cost of keygraph `n` of the parts.
+    fn get(&self, out: &[u8], n: usize) -> usize {
+        usize::from(out[self.start + self.each * n])
+    }
 }
 
 /// Writes the index entries and the keygraphs of the two lists, and their sketches.
 fn write_lists<'a>(parts: impl Parts<'a>, plan: &Plan, out: &mut [u8], copied: &mut Copied) {
-    let (objects, layout) = (plan.counts.objects, &plan.layout);
-    let mut places = [[0; CELLS]; 2];
+    let layout = &plan.layout;
+    let costs = Costs::write(parts.clone(), plan, out);
+    let choice = |out: &[u8], o: &Packed<'_>, first: usize| {
+        let n = own_keygraphs(&o.model, o.object).count();
+        let of_object = (first..first + n).map(|i| costs.get(out, i));
+        Choice::new(of_object, shares(&o.model, o.object, plan.counts.objects))
+    };
+    let (mut places, mut n) = ([[0; CELLS]; 2], 0);
     for o in each_object(parts.clone()) {
-        let mut choice = Choice::new(&o.model, o.object, objects);
-        for (cell, i) in own_keygraphs(&o.model, o.object) {
-            if let Some(list) = choice.list(&o.model, i) {
+        let mut choice = choice(out, &o, n);
+        for (cell, _) in own_keygraphs(&o.model, o.object) {
+            if let Some(list) = choice.list(costs.get(out, n)) {
                 places[list][cell] += 1;
             }
+            n += 1;
         }
     }
     let mut end = 0;
@@ -251,14 +281,16 @@ fn write_lists<'a>(parts: impl Parts<'a>, plan: &Plan, out: &mut [u8], copied: &
         copied.subset(end, out, layout);
         end += core::mem::replace(place, end);
     }
+    n = 0;
     for o in each_object(parts) {
-        let mut choice = Choice::new(&o.model, o.object, objects);
+        let mut choice = choice(out, &o, n);
         for (cell, i) in own_keygraphs(&o.model, o.object) {
-            if let Some(list) = choice.list(&o.model, i) {
+            if let Some(list) = choice.list(costs.get(out, n)) {
                 copied.keygraphs = places[list][cell];
                 copied.keygraphs(&o.model, i..i + 1, o.shift, out, layout);
                 places[list][cell] += 1;
             }
+            n += 1;
         }
     }
     copied.keygraphs = end;
