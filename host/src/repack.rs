@@ -12,6 +12,9 @@ use keygraph_core::{Model, PackError, Part, pack_parts, packed_parts_len};
 
 use crate::output::plain;
 
+/// Maximum number of names that a message tells.
+const TOLD: usize = 16;
+
 /// What is changed in a model.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Changes<'a> {
@@ -50,7 +53,7 @@ pub fn repack(model: &Model<'_>, changes: &Changes<'_>) -> Result<Repacked> {
     let removed: HashSet<_> = changes.remove.iter().map(String::as_str).collect();
     let names: HashSet<_> = objects(0).map(|o| name(&o)).collect();
     if let Some(none) = changes.remove.iter().find(|n| !names.contains(n.as_str())) {
-        return Err(unknown(none));
+        return Err(unknown(none, model));
     }
     let mut places: Vec<Place> = objects(0).filter(|o| !removed.contains(name(o))).collect();
 
@@ -60,7 +63,7 @@ pub fn repack(model: &Model<'_>, changes: &Changes<'_>) -> Result<Repacked> {
     }
     for new in (1..added).flat_map(objects) {
         match of_name.get(name(&new)).map(Vec::as_slice) {
-            None => return Err(unknown(name(&new))),
+            None => return Err(unknown(name(&new), model)),
             Some(&[at]) => {
                 ensure!(places[at].0 == 0, "{} is to be replaced twice: give it once", shown(&new));
                 places[at] = new;
@@ -100,8 +103,13 @@ pub fn repack(model: &Model<'_>, changes: &Changes<'_>) -> Result<Repacked> {
     Ok(Repacked { model: packed(&parts)?, kept })
 }
 
-fn unknown(name: &str) -> Error {
-    anyhow!("there is no object {}: `keygraph inspect` lists the objects of a model", plain(name))
+fn unknown(name: &str, model: &Model<'_>) -> Error {
+    let (objects, told) = (model.objects(), model.objects().min(TOLD));
+    let mut names = (0..told).map(|i| plain(model.object(i).name).into_owned()).collect::<Vec<_>>().join(", ");
+    if told < objects {
+        names += &format!(" and {} others", objects - told);
+    }
+    anyhow!("there is no object {}: there are {names}", plain(name))
 }
 
 fn packed(parts: &[Part<'_>]) -> Result<Vec<u8>, PackError> {

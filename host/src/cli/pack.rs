@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 use keygraph::output::{Inputs, check_model_output, print_line, write_file};
-use keygraph::repack::{self, repack};
+use keygraph::repack::{self, Repacked, repack};
 use keygraph::words;
 use keygraph_core::Model;
 
@@ -22,7 +22,7 @@ const COMPARED: usize = 32 * 31 / 2;
                             [--remove <NAME>...]")]
 pub struct Arguments {
     /// Models to merge
-    #[arg(required_unless_present = "model", conflicts_with = "model", value_name = "MODEL.kgm")]
+    #[arg(required_unless_present = "model", conflicts_with_all = ["model", "changes"], value_name = "MODEL.kgm")]
     models: Vec<PathBuf>,
     /// Model file to write [default: that of -m]
     #[arg(short, long, required_unless_present = "model", value_name = "ALL.kgm")]
@@ -93,19 +93,20 @@ fn change(arguments: &Arguments, all: &PathBuf, output: Option<&Path>) -> Result
     let models = parse_all(&bytes, &paths)?;
     let (before, new) = (&models[0], &models[1..]);
     let (replace, add) = new.split_at(replace.len());
-    let changed =
+    let Repacked { model, kept: is_kept } =
         repack(before, &repack::Changes { add, replace, remove }).with_context(|| all.display().to_string())?;
 
-    let kept = changed.kept.iter().filter(|&&kept| kept).count();
+    let kept = is_kept.iter().filter(|&&kept| kept).count();
     let [added, replaced] = [add, replace].map(|models| models.iter().map(Model::objects).sum::<usize>());
     let counts = [(added, "added"), (replaced, "replaced"), (before.objects() - kept - replaced, "removed")];
     let said: String = counts.iter().filter(|(n, _)| *n > 0).map(|(n, what)| format!(", {n} {what}")).collect();
-    write(&changed.model, output, &said)?;
+    write(&model, output, &said)?;
+    drop(model);
     let counts: Vec<_> = [kept].into_iter().chain(new.iter().map(Model::objects)).collect();
     if new.is_empty() {
         return Ok(());
     }
-    compare(arguments, &models, &counts, |(m, i)| m > 0 || changed.kept[i])
+    compare(arguments, &models, &counts, |(m, i)| m > 0 || is_kept[i])
 }
 
 /// Writes the bytes of a model, and tells what is in it. `changes` is said after the number of objects.
