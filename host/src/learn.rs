@@ -6,7 +6,7 @@
 use std::sync::Mutex;
 
 use anyhow::{Context, Result, ensure};
-use keygraph_core::{Frame, Model, Trained, VgaTrainer, pack, packed_len};
+use keygraph_core::{Frame, Model, PackError, Trained, VgaTrainer, pack, packed_len};
 
 use crate::input::{Picture, Pixels};
 use crate::search::fit;
@@ -137,7 +137,15 @@ pub fn train_within(
 /// When a model is damaged, or the models differ in method or feature.
 pub fn merge(models: &[impl AsRef<[u8]>]) -> Result<Vec<u8>> {
     let parsed = models.iter().map(|m| Model::parse(m.as_ref())).collect::<Result<Vec<_>, _>>()?;
-    let mut out = vec![0; packed_len(&parsed)?];
-    pack(&parsed, &mut out)?;
+    Ok(joined(&parsed)?)
+}
+
+/// Merges models as [`merge`] does, of which it has views already.
+///
+/// # Errors
+/// When the models differ in method or feature.
+pub fn joined(models: &[Model<'_>]) -> Result<Vec<u8>, PackError> {
+    let mut out = vec![0; packed_len(models)?];
+    pack(models, &mut out)?;
     Ok(out)
 }

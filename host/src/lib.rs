@@ -25,6 +25,7 @@
 //!   the feature `calibrate`)
 //! - [`pose`]: poses of detections in space
 //! - [`learn`]: training on a picture; merging models
+//! - [`mod@repack`]: objects of a model added, replaced and removed
 //! - [`random`]: random numbers that are equal on every machine
 //! - [`render`]: frames of pictures in known poses
 //! - [`mod@exchange`]: look-alikes of a picture
@@ -71,6 +72,7 @@ pub mod calibrate;
 pub mod lens_file;
 pub mod pose;
 pub mod learn;
+pub mod repack;
 pub mod random;
 pub mod render;
 pub mod exchange;

@@ -10,9 +10,10 @@ use keygraph::search::{Profile, search};
 use keygraph_core::stages::keygraph::CELLS;
 use keygraph_core::stages::model::Tier;
 use keygraph_core::{
-    FeatureKind, Frame, Method, Model, PackError, PixelFormat, TrainParams, VgaTrainer, ViewSpec, pack, packed_len,
+    FeatureKind, Frame, Method, Model, PackError, Part, PixelFormat, TrainParams, VgaTrainer, ViewSpec, pack,
+    pack_parts, packed_len, packed_parts_len,
 };
-use keygraph_tests::{Sections, file, small_model};
+use keygraph_tests::{Sections, file, seal, small_model};
 
 /// Small models of three pictures, each with some thousand keygraphs on five views.
 static MODELS: LazyLock<[Vec<u8>; 3]> = LazyLock::new(|| ["astronaut", "coffee", "rocket"].map(model_of));
@@ -49,6 +50,19 @@ fn packed(models: &[Vec<u8>]) -> Vec<u8> {
     let models = parse(models);
     let mut out = vec![0x5a; packed_len(&models).unwrap()];
     assert_eq!(pack(&models, &mut out).unwrap(), out.len(), "pack says how long the model is");
+    out
+}
+
+/// Packs the objects `chosen` of a model, each by itself.
+fn part_of(model: &[u8], chosen: &[usize]) -> Vec<u8> {
+    let model = Model::parse(model).unwrap();
+    let parts: Vec<_> = chosen.iter().map(|&i| Part::of(model, i..i + 1).unwrap()).collect();
+    packed_parts(&parts)
+}
+
+fn packed_parts(parts: &[Part<'_>]) -> Vec<u8> {
+    let mut out = vec![0x5a; packed_parts_len(parts).unwrap()];
+    assert_eq!(pack_parts(parts, &mut out).unwrap(), out.len(), "packing says how long the model is");
     out
 }
 
@@ -367,4 +381,92 @@ fn a_damaged_model_is_not_merged() {
     models[1][middle] ^= 1;
     let message = format!("{:#}", merge(&models).unwrap_err());
     assert!(message.contains("copy it again"), "{message}");
+}
+
+// ---------------------------------------------------------- parts of a model
+
+#[test]
+fn objects_of_a_pack_are_packed_as_their_models_are() {
+    let models = &*MODELS;
+    let all = packed(models);
+    for chosen in [&[0][..], &[1], &[2], &[0, 1], &[1, 2], &[0, 2], &[0, 1, 2], &[2, 0, 1], &[1, 1]] {
+        let singles: Vec<_> = chosen.iter().map(|&i| models[i].clone()).collect();
+        let expected = if singles.len() == 1 { singles[0].clone() } else { packed(&singles) };
+        assert!(part_of(&all, chosen) == expected, "objects {chosen:?} of the pack");
+    }
+    // Several objects of a pack beside other models, and between them.
+    let (pack_of_all, [a, b, c]) = (Model::parse(&all).unwrap(), models);
+    let last = Part::of(pack_of_all, 1..3).unwrap();
+    let parts = [Part::from(Model::parse(c).unwrap()), last, Part::from(pack_of_all)];
+    assert!(packed_parts(&parts) == packed(&[c, b, c, a, b, c].map(Clone::clone)));
+    for none in [0..0, 1..1, 3..4, 2..4] {
+        assert!(Part::of(pack_of_all, none.clone()).is_none(), "{none:?} of three objects");
+    }
+}
+
+#[test]
+fn models_of_the_paper_come_out_of_a_pack_as_they_were() {
+    let paper = [FeatureKind::Both, FeatureKind::Chroma].map(|kind| small_model(Method::Paper, kind, 10));
+    for model in paper {
+        let three = packed(&vec![model.clone(); 3]);
+        assert!(part_of(&three, &[1]) == model);
+        assert!(part_of(&three, &[2, 0]) == packed(&[model.clone(), model]));
+    }
+}
+
+#[test]
+fn models_without_colour_or_second_tiers_come_out_of_a_pack_as_they_were() {
+    let [coloured, ..] = &*MODELS;
+    let gray = train(&picture("pictures/brick"), "brick", Preset::Compact, false).unwrap().0;
+    let small = small_model(Method::Keygraph, FeatureKind::Both, 10);
+    assert_eq!(Model::parse(&gray).unwrap().feature(), FeatureKind::Luma);
+    assert!(!Model::parse(&small).unwrap().has_second_tiers());
+    let three = packed(&[gray.clone(), coloured.clone(), small.clone()]);
+    assert!(part_of(&three, &[0]) == gray);
+    assert!(part_of(&three, &[1]) == *coloured);
+    assert!(part_of(&three, &[2]) == small);
+    assert!(part_of(&three, &[2, 0]) == packed(&[small, gray.clone()]));
+    assert!(
+        part_of(&packed(&[coloured.clone(), gray.clone(), gray.clone()]), &[1, 2]) == packed(&[gray.clone(), gray])
+    );
+
+    // A coloured picture that was trained on luma has a template in colour. Beside models in colour it has none.
+    let luma = train(&picture("pictures/coffee"), "coffee", Preset::Compact, true).unwrap().0;
+    let mut without = luma.clone();
+    let sections = Sections::of(&luma);
+    let model = Model::parse(&luma).unwrap();
+    let (w, h) = (model.object(0).template.width, model.object(0).template.height);
+    let bytes: usize = (0..4).map(|level| (w >> level) * (h >> level)).sum();
+    without[sections.templates + bytes..].fill(0x80);
+    seal(&mut without);
+    let two = packed(&[coloured.clone(), luma.clone()]);
+    assert!(luma != without && part_of(&two, &[1]) == without);
+}
+
+#[test]
+fn records_that_do_not_lie_together_are_no_part() {
+    let small = small_model(Method::Keygraph, FeatureKind::Luma, 8);
+    let two = packed(&[small.clone(), small]);
+    let sections = Sections::of(&two);
+    let changed = |changes: &[(usize, u8)]| {
+        let mut model = two.clone();
+        for &(at, byte) in changes {
+            model[at] = byte;
+        }
+        seal(&mut model);
+        model
+    };
+    let (view, keypoints) = (|i: usize| sections.views + Sections::VIEW * i, two[sections.views + 2]);
+    for (what, model) in [
+        ("views of both objects by turns", changed(&[(view(1), 1), (view(2), 0)])),
+        ("keypoints that leave a gap", changed(&[(view(1) + 4, keypoints + 1)])),
+        ("keygraphs on a view of the other object", changed(&[(view(1), 1)])),
+    ] {
+        let model = Model::parse(&model).unwrap();
+        assert!(Part::of(model, 0..1).is_none(), "{what}");
+        // What is a part gives a model that can be read.
+        if let Some(part) = Part::of(model, 1..2) {
+            Model::parse(&packed_parts(&[part])).unwrap();
+        }
+    }
 }

@@ -13,6 +13,7 @@ use keygraph::file::read_whole;
 use keygraph::learn::{Preset, has_colour, merge, train_within};
 use keygraph::output::{check_name, is_plain, write_file};
 use keygraph::picture::{Framed, Part, read_framed};
+use keygraph::repack::{Changes, repack};
 use keygraph_core::{FeatureKind, Method};
 use pyo3::IntoPyObjectExt;
 use pyo3::exceptions::{PyOSError, PyTypeError, PyValueError};
@@ -134,6 +135,18 @@ impl Model {
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         py.detach(|| write_file(&path, |file| Ok(file.write_all(self.data())?)))
             .map_err(|e| PyOSError::new_err(format!("{e:#}")))
+    }
+
+    /// The model without the objects that have these names. The others keep their order. It is what packing
+    /// their models gives.
+    ///
+    /// Raises:
+    ///     ValueError: An object is not in the model, or none would be left.
+    #[pyo3(signature = (*names))]
+    fn without(&self, py: Python<'_>, names: Vec<String>) -> PyResult<Self> {
+        let changes = Changes { remove: &names, ..Changes::default() };
+        let changed = py.detach(|| repack(self.view(), &changes)).map_err(|e| exception(&e))?;
+        Self::of(changed.model, self.preset)
     }
 
     /// The bytes of the model file.

@@ -69,6 +69,13 @@ def test_packs(model: keygraph.Model, coffee: keygraph.Model, tmp_path: Path) ->
     assert keygraph.pack((model, coffee)).preset == "large"
     assert keygraph.pack(model) == keygraph.pack([model]) == model
     assert keygraph.pack(iter([model, coffee])) == both
+    assert both.without("astronaut") == coffee and both.without("coffee") == model
+    assert keygraph.pack([both.without("astronaut"), model]).names == ["coffee", "astronaut"]
+    assert both.without() == both
+    with pytest.raises(ValueError, match="no object cofee: there are astronaut, coffee"):
+        both.without("cofee")
+    with pytest.raises(ValueError, match="no object would be left"):
+        both.without("astronaut", "coffee")
 
 
 def test_what_makes_a_model_worse_is_told() -> None:

@@ -384,11 +384,14 @@ pub(crate) fn sort_cell(out: &mut [u8], layout: &Layout, feature_bytes: usize, r
     let start = range.start;
     let parts = layout.parts(feature_bytes);
     let key = |out: &[u8], i: usize| -> [u8; KEY] { core::array::from_fn(|p| out[parts[p].0 + start + i]) };
+    // Index `i` is below `j`.
     let swap = |out: &mut [u8], i: usize, j: usize| {
-        for (part, each) in parts {
-            for b in 0..each {
-                out.swap(part + each * (start + i) + b, part + each * (start + j) + b);
-            }
+        for (plane, _) in &parts[..KEY] {
+            out.swap(plane + start + i, plane + start + j);
+        }
+        for (part, each) in &parts[KEY..] {
+            let (low, high) = out.split_at_mut(part + each * (start + j));
+            low[part + each * (start + i)..][..*each].swap_with_slice(&mut high[..*each]);
         }
     };
     let sift = |out: &mut [u8], mut root: usize, n: usize| {

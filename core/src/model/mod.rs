@@ -8,6 +8,7 @@ pub mod method;
 pub mod format;
 pub mod parse;
 pub mod table;
+pub mod part;
 pub mod pack;
 pub mod views;
 pub mod train;

@@ -1,15 +1,21 @@
 //! Packs several models into one.
 //!
-//! In: parsed models of one method. Models on luma alone can stand beside models in colour: their
-//! features get chroma bytes that say so, and their templates have no chroma, so that only their luma
-//! is compared. Out: the bytes of one model in the
+//! In: parsed models of one method, or [parts](Part) of them. Models on luma alone can stand beside models in
+//! colour: their features get chroma bytes that say so, and their templates have no chroma, so that only their
+//! luma is compared. Out: the bytes of one model in the
 //! caller's buffer, with sorted subsets and a checksum. The tiers of all objects stand side by
 //! side. A model of several objects also gets lists, where its method has them: copies of the
 //! keygraphs of all objects that are most likely to be seen again, with a sketch of each.
 //!
+//! The lists are made anew of the keygraphs of each object. So a part of a pack gives what the models of its
+//! objects would give, byte for byte, with two exceptions. The template of a model on luma alone loses its
+//! chroma beside models in colour. Second tiers that are empty in all objects are left out of a part.
+//!
 //! Memory: 7 KB of stack for [`pack`]. Cost: one pass over the bytes, a heap sort of every subset
-//! of the lists, and four passes over the keygraphs to choose the most likely ones (about 40 ms for
-//! each object).
+//! of the lists, and one look at the surroundings of each keygraph to choose the most likely ones (about
+//! 10 ms for each object).
+
+use core::ops::Range;
 
 use crate::base::capacity::id;
 use crate::base::says::says;
@@ -20,7 +26,9 @@ use crate::model::format::{
     Counts, ENTRY, KEYPOINT, Layout, OBJECT, SKETCH, START, Tier, Tiers, VERTICES, VIEW, object, sort_cell, vertices,
     view, write_header,
 };
+use crate::model::method::Method;
 use crate::model::parse::Model;
+use crate::model::part::{Part, own_keygraphs};
 use crate::model::table::is_one_of;
 
 /// The reason why models cannot be packed into one.
@@ -56,49 +64,70 @@ says!(PackError {
     Self::NoRoom { needed, given } => ("{} bytes cannot hold the packed model of {}", given, needed),
 });
 
-/// Checks that `models` can be packed together. Returns the sums of their counts, and the tiers of
-/// the packed model.
-fn merged(models: &[Model<'_>]) -> Result<(Counts, Tiers), PackError> {
-    let first = models.first().ok_or(PackError::Nothing)?;
-    let feature = kind(models);
-    let alike = |m: &Model<'_>| {
-        let fits = m.feature() == feature || (m.feature() == FeatureKind::Luma && feature == FeatureKind::Both);
-        m.method() == first.method() && fits
-    };
-    if let Some(index) = models.iter().position(|m| !alike(m)) {
-        return Err(PackError::Different { index });
-    }
-    // The lists of the input models are not counted: packing makes new lists.
-    let mut counts = Counts::default();
-    for m in models {
-        let Counts { objects, views, keypoints, templates, .. } = m.counts();
-        counts.objects += objects;
-        counts.views += views;
-        counts.keypoints += keypoints;
-        counts.templates += templates;
-    }
-    counts.keygraphs = each_object(models).map(|(m, object, _)| own_keygraphs(m, object).count()).sum();
-    let lists = first.method().parameters().lists.is_some() && counts.objects > 1;
-    if lists {
-        let n = counts.objects;
-        counts.listed = each_object(models).map(|(m, object, _)| shares(m, object, n).iter().sum::<usize>()).sum();
-        counts.keygraphs += counts.listed;
-    }
-    let tiers = Tiers { lists, second: models.iter().any(Model::has_second_tiers) };
-    let limit = usize::from(u16::MAX);
-    if counts.objects > limit || counts.views > limit { Err(PackError::TooMany) } else { Ok((counts, tiers)) }
+/// Parts of models, as often as they are asked for.
+trait Parts<'a>: Iterator<Item = Part<'a>> + Clone {}
+
+impl<'a, I: Iterator<Item = Part<'a>> + Clone> Parts<'a> for I {}
+
+fn whole<'a>(models: &[Model<'a>]) -> impl Parts<'a> {
+    models.iter().copied().map(Part::from)
 }
 
-/// Kind of feature of the packed model: that of the first model in colour, or of the first model
-/// when all are on luma alone.
-fn kind(models: &[Model<'_>]) -> FeatureKind {
-    let coloured = models.iter().map(Model::feature).find(|&f| f != FeatureKind::Luma);
-    coloured.unwrap_or(FeatureKind::Luma)
+/// What a packed model will be.
+struct Plan {
+    method: Method,
+    feature: FeatureKind,
+    tiers: Tiers,
+    counts: Counts,
+    layout: Layout,
 }
 
-/// Length of a feature of the packed model, bytes.
-fn feature_bytes(models: &[Model<'_>]) -> usize {
-    models.first().map_or(0, |m| m.method().sampling().bytes(kind(models)))
+impl Plan {
+    /// Checks that `parts` can be packed together, and sums up their counts.
+    fn new<'a>(parts: impl Parts<'a>) -> Result<Self, PackError> {
+        let method = parts.clone().next().ok_or(PackError::Nothing)?.model.method();
+        let feature = kind(parts.clone());
+        let alike = |p: &Part<'_>| {
+            let fits = p.feature == feature || (p.feature == FeatureKind::Luma && feature == FeatureKind::Both);
+            p.model.method() == method && fits
+        };
+        if let Some(index) = parts.clone().position(|p| !alike(&p)) {
+            return Err(PackError::Different { index });
+        }
+        // The lists of the input models are not counted: packing makes new lists.
+        let mut counts = Counts::default();
+        for p in parts.clone() {
+            counts.objects += p.objects.len();
+            counts.views += p.views.len();
+            counts.keypoints += p.keypoints.len();
+            counts.templates += p.templates.len();
+        }
+        counts.keygraphs = each_object(parts.clone()).map(|o| own_keygraphs(&o.model, o.object).count()).sum();
+        let lists = method.parameters().lists.is_some() && counts.objects > 1;
+        if lists {
+            let n = counts.objects;
+            counts.listed =
+                each_object(parts.clone()).map(|o| shares(&o.model, o.object, n).iter().sum::<usize>()).sum();
+            counts.keygraphs += counts.listed;
+        }
+        let tiers = Tiers { lists, second: parts.into_iter().any(|p| p.second) };
+        let limit = usize::from(u16::MAX);
+        if counts.objects > limit || counts.views > limit {
+            return Err(PackError::TooMany);
+        }
+        let layout = Layout::new(&counts, tiers, method.sampling().bytes(feature)).ok_or(PackError::TooMany)?;
+        Ok(Self { method, feature, tiers, counts, layout })
+    }
+
+    /// Length of a feature of the packed model, bytes.
+    fn feature_bytes(&self) -> usize {
+        self.method.sampling().bytes(self.feature)
+    }
+}
+
+/// Kind of feature of the packed model: that of the first part in colour, or luma when all are on luma alone.
+fn kind<'a>(mut parts: impl Parts<'a>) -> FeatureKind {
+    parts.find(|p| p.feature != FeatureKind::Luma).map_or(FeatureKind::Luma, |p| p.feature)
 }
 
 /// Length of the model that [`pack`] makes of `models`, bytes.
@@ -106,30 +135,41 @@ fn feature_bytes(models: &[Model<'_>]) -> usize {
 /// # Errors
 /// [`PackError`] when the models cannot be packed into one.
 pub fn packed_len(models: &[Model<'_>]) -> Result<usize, PackError> {
-    layout(models).map(|(.., l)| l.end)
+    Plan::new(whole(models)).map(|plan| plan.layout.end)
 }
 
-fn layout(models: &[Model<'_>]) -> Result<(Counts, Tiers, Layout), PackError> {
-    let (counts, tiers) = merged(models)?;
-    Layout::new(&counts, tiers, feature_bytes(models)).map(|l| (counts, tiers, l)).ok_or(PackError::TooMany)
+/// Length of the model that [`pack_parts`] makes of `parts`, bytes.
+///
+/// # Errors
+/// [`PackError`] when the parts cannot be packed into one model.
+pub fn packed_parts_len(parts: &[Part<'_>]) -> Result<usize, PackError> {
+    Plan::new(parts.iter().cloned()).map(|plan| plan.layout.end)
 }
 
-/// Iterates over the objects of all models. An item is the model, the index of the object in that
-/// model, and the number of views in the models before it.
-fn each_object<'a, 'b>(models: &'b [Model<'a>]) -> impl Iterator<Item = (&'b Model<'a>, u16, usize)> {
+/// An object that is packed: its model, and its index there.
+struct Packed<'a> {
+    model: Model<'a>,
+    object: u16,
+    shift: Shift,
+}
+
+/// How the views of a part are numbered anew.
+#[derive(Clone, Copy)]
+struct Shift {
+    /// Index of the part's first view in its model.
+    from: usize,
+    /// Number of views in the parts before it.
+    to: usize,
+}
+
+/// Iterates over the objects of all parts.
+fn each_object<'a>(parts: impl Parts<'a>) -> impl Iterator<Item = Packed<'a>> {
     let mut views = 0;
-    models.iter().flat_map(move |m| {
-        let before = views;
-        views += m.views();
-        (0..id(m.objects())).map(move |object| (m, object, before))
+    parts.flat_map(move |p| {
+        let shift = Shift { from: p.views.start, to: views };
+        views += p.views.len();
+        p.objects.map(move |object| Packed { model: p.model, object: id(object), shift })
     })
-}
-
-/// Iterates over the keygraphs of an object, without the lists. An item is a subset and the index
-/// of a keygraph in it.
-fn own_keygraphs<'a>(m: &'a Model<'_>, object: u16) -> impl Iterator<Item = (usize, usize)> + 'a {
-    let tiers = [Tier::First(object), Tier::Second(object)].into_iter().take(1 + usize::from(m.has_second_tiers()));
-    tiers.flat_map(move |tier| (0..CELLS).flat_map(move |cell| m.cell(tier, cell).map(move |i| (cell, i))))
 }
 
 /// Number of keygraphs of an object in each of the two lists, for a packed model of `objects`
@@ -158,12 +198,13 @@ struct Choice {
 }
 
 impl Choice {
-    fn new(m: &Model<'_>, object: u16, objects: usize) -> Self {
+    /// `costs` are those of the object's keygraphs, and `shares` what the lists take of them.
+    fn new(costs: impl Iterator<Item = usize>, shares: [usize; 2]) -> Self {
         let mut counts = [(0, [0; 2]); COSTS];
-        for (_, i) in own_keygraphs(m, object) {
-            counts[class(m, i)].0 += 1;
+        for cost in costs {
+            counts[cost].0 += 1;
         }
-        let mut left = shares(m, object, objects);
+        let mut left = shares;
         for (n, taken) in &mut counts {
             let mut rest = *n;
             for (taken, left) in taken.iter_mut().zip(&mut left) {
@@ -175,12 +216,11 @@ impl Choice {
         Self { counts, seen: [[0; 2]; COSTS] }
     }
 
-    /// Returns the list that takes keygraph `i`, if any. The caller passes every keygraph of the
-    /// object once, in the order in which [`Choice::new`] counted them.
-    fn list(&mut self, m: &Model<'_>, i: usize) -> Option<usize> {
-        let class = class(m, i);
-        let (n, [first, second]) = self.counts[class];
-        let [seen, taken] = &mut self.seen[class];
+    /// Returns the list that takes a keygraph of this cost, if any. The caller passes every keygraph of
+    /// the object once.
+    fn list(&mut self, cost: usize) -> Option<usize> {
+        let (n, [first, second]) = self.counts[cost];
+        let [seen, taken] = &mut self.seen[cost];
         *seen += 1;
         is_one_of(first + second, n, *seen - 1).then(|| {
             *taken += 1;
@@ -189,20 +229,51 @@ impl Choice {
     }
 }
 
-/// The cost of a keygraph, at most [`MAX_COST`].
-fn class(m: &Model<'_>, keygraph: usize) -> usize {
-    m.cost(keygraph).min(MAX_COST) as usize
+/// Places for the costs of all keygraphs while the lists are written: each is where the keygraph's feature
+/// will be when all is written.
+struct Costs {
+    start: usize,
+    each: usize,
+}
+
+impl Costs {
+    /// Computes the costs, which takes most of the time of packing.
+    fn write<'a>(parts: impl Parts<'a>, plan: &Plan, out: &mut [u8]) -> Self {
+        let each = plan.feature_bytes();
+        let costs = Self { start: plan.layout.features + each * plan.counts.listed, each };
+        let mut place = costs.start;
+        for o in each_object(parts) {
+            for (_, i) in own_keygraphs(&o.model, o.object) {
+                out[place] = u8::try_from(o.model.cost(i).min(MAX_COST)).unwrap_or(u8::MAX);
+                place += each;
+            }
+        }
+        costs
+    }
+
+    /// Cost of keygraph `n` of the parts.
+    fn get(&self, out: &[u8], n: usize) -> usize {
+        usize::from(out[self.start + self.each * n])
+    }
 }
 
 /// Writes the index entries and the keygraphs of the two lists, and their sketches.
-fn write_lists(models: &[Model<'_>], objects: usize, out: &mut [u8], layout: &Layout, copied: &mut Copied) {
-    let mut places = [[0; CELLS]; 2];
-    for (m, object, _) in each_object(models) {
-        let mut choice = Choice::new(m, object, objects);
-        for (cell, i) in own_keygraphs(m, object) {
-            if let Some(list) = choice.list(m, i) {
+fn write_lists<'a>(parts: impl Parts<'a>, plan: &Plan, out: &mut [u8], copied: &mut Copied) {
+    let layout = &plan.layout;
+    let costs = Costs::write(parts.clone(), plan, out);
+    let choice = |out: &[u8], o: &Packed<'_>, first: usize| {
+        let n = own_keygraphs(&o.model, o.object).count();
+        let of_object = (first..first + n).map(|i| costs.get(out, i));
+        Choice::new(of_object, shares(&o.model, o.object, plan.counts.objects))
+    };
+    let (mut places, mut n) = ([[0; CELLS]; 2], 0);
+    for o in each_object(parts.clone()) {
+        let mut choice = choice(out, &o, n);
+        for (cell, _) in own_keygraphs(&o.model, o.object) {
+            if let Some(list) = choice.list(costs.get(out, n)) {
                 places[list][cell] += 1;
             }
+            n += 1;
         }
     }
     let mut end = 0;
@@ -210,18 +281,20 @@ fn write_lists(models: &[Model<'_>], objects: usize, out: &mut [u8], layout: &La
         copied.subset(end, out, layout);
         end += core::mem::replace(place, end);
     }
-    for (m, object, views) in each_object(models) {
-        let mut choice = Choice::new(m, object, objects);
-        for (cell, i) in own_keygraphs(m, object) {
-            if let Some(list) = choice.list(m, i) {
+    n = 0;
+    for o in each_object(parts) {
+        let mut choice = choice(out, &o, n);
+        for (cell, i) in own_keygraphs(&o.model, o.object) {
+            if let Some(list) = choice.list(costs.get(out, n)) {
                 copied.keygraphs = places[list][cell];
-                copied.keygraphs(m, i..i + 1, views, out, layout);
+                copied.keygraphs(&o.model, i..i + 1, o.shift, out, layout);
                 places[list][cell] += 1;
             }
+            n += 1;
         }
     }
     copied.keygraphs = end;
-    let feature_bytes = feature_bytes(models);
+    let feature_bytes = plan.feature_bytes();
     let mut start = 0;
     for end in places.into_iter().flatten() {
         sort_cell(out, layout, feature_bytes, start..end);
@@ -239,60 +312,78 @@ fn write_lists(models: &[Model<'_>], objects: usize, out: &mut [u8], layout: &La
 /// # Errors
 /// [`PackError`] when the models cannot be packed into one, or when `out` is too short.
 pub fn pack(models: &[Model<'_>], out: &mut [u8]) -> Result<usize, PackError> {
-    let (counts, tiers, layout) = layout(models)?;
-    let (Some(first), given) = (models.first(), out.len()) else { return Err(PackError::Nothing) };
+    pack_all(whole(models), out)
+}
+
+/// Merges parts of models into one model at the start of `out`, as [`pack`] does with whole ones. Returns its
+/// length, bytes. Objects stand in the order of the parts.
+///
+/// # Errors
+/// [`PackError`] when the parts cannot be packed into one model, or when `out` is too short.
+pub fn pack_parts(parts: &[Part<'_>], out: &mut [u8]) -> Result<usize, PackError> {
+    pack_all(parts.iter().cloned(), out)
+}
+
+fn pack_all<'a>(parts: impl Parts<'a>, out: &mut [u8]) -> Result<usize, PackError> {
+    let plan = Plan::new(parts.clone())?;
+    let Plan { method, feature, tiers, counts, layout } = &plan;
+    let given = out.len();
     let out = out.get_mut(..layout.end).ok_or(PackError::NoRoom { needed: layout.end, given })?;
 
-    // Totals of the models copied so far: objects, views, keypoints, template bytes.
+    // Totals of the parts copied so far: objects, views, keypoints, template bytes.
     let (mut objects, mut views, mut keypoints, mut templates) = (0, 0, 0, 0);
-    for m in models {
-        let (from, l) = (m.bytes(), m.layout());
-        let mut copy = |to: usize, range: core::ops::Range<usize>| {
-            out[to..to + range.len()].copy_from_slice(&from[range]);
+    for p in parts.clone() {
+        let (from, l) = (p.model.bytes(), p.model.layout());
+        let mut copy = |to: usize, section: usize, each: usize, range: &Range<usize>| {
+            let source = &from[section + each * range.start..section + each * range.end];
+            out[to..to + source.len()].copy_from_slice(source);
         };
-        copy(layout.objects + OBJECT * objects, l.objects..l.views);
-        copy(layout.views + VIEW * views, l.views..l.keypoints);
-        copy(layout.keypoints + KEYPOINT * keypoints, l.keypoints..l.index);
-        copy(layout.templates + templates, l.templates..l.end);
-        if m.feature() != kind(models) {
-            for i in 0..m.objects() {
-                let (start, chroma) = m.chroma_of_template(i);
-                out[layout.templates + templates + start..][..chroma].fill(NO_CHROMA.cast_unsigned());
+        copy(layout.objects + OBJECT * objects, l.objects, OBJECT, &p.objects);
+        copy(layout.views + VIEW * views, l.views, VIEW, &p.views);
+        copy(layout.keypoints + KEYPOINT * keypoints, l.keypoints, KEYPOINT, &p.keypoints);
+        copy(layout.templates + templates, l.templates, 1, &p.templates);
+        if p.feature != *feature {
+            for i in p.objects.clone() {
+                let (start, chroma) = p.model.chroma_of_template(i);
+                let start = layout.templates + templates + start - p.templates.start;
+                out[start..][..chroma].fill(NO_CHROMA.cast_unsigned());
             }
         }
-        for i in objects..objects + m.objects() {
+        for i in objects..objects + p.objects.len() {
             let r = &mut out[layout.objects + OBJECT * i..][..OBJECT];
-            let at = object::TEMPLATE.size(r) + templates;
+            let at = object::TEMPLATE.size(r) - p.templates.start + templates;
             object::TEMPLATE.put_size(r, at);
         }
-        for i in views..views + m.views() {
+        for i in views..views + p.views.len() {
             let r = &mut out[layout.views + VIEW * i..][..VIEW];
-            let (of, first) = (view::OBJECT.get(r) + id(objects), view::FIRST.size(r) + keypoints);
+            let of = view::OBJECT.get(r) - id(p.objects.start) + id(objects);
+            let first = view::FIRST.size(r) - p.keypoints.start + keypoints;
             view::OBJECT.put(r, of);
             view::FIRST.put_size(r, first);
         }
-        objects += m.objects();
-        views += m.views();
-        keypoints += m.keypoints();
-        templates += l.end - l.templates;
+        objects += p.objects.len();
+        views += p.views.len();
+        keypoints += p.keypoints.len();
+        templates += p.templates.len();
     }
 
-    let mut copied = Copied { keygraphs: 0, subsets: 0, feature_bytes: feature_bytes(models) };
+    let mut copied = Copied { keygraphs: 0, subsets: 0, feature_bytes: plan.feature_bytes() };
     if tiers.lists {
-        write_lists(models, counts.objects, out, &layout, &mut copied);
+        write_lists(parts.clone(), &plan, out, &mut copied);
     }
-    for (m, object, views) in each_object(models) {
-        for tier in [Tier::First(object), Tier::Second(object)].into_iter().take(1 + usize::from(tiers.second)) {
+    for o in each_object(parts) {
+        let tiers = [Tier::First(o.object), Tier::Second(o.object)].into_iter().take(1 + usize::from(tiers.second));
+        for tier in tiers {
             for cell in 0..CELLS {
                 let start = copied.keygraphs;
-                let has = m.has_second_tiers() || tier == Tier::First(object);
-                copied.keygraphs(m, if has { m.cell(tier, cell) } else { 0..0 }, views, out, &layout);
-                copied.subset(start, out, &layout);
+                let has = o.model.has_second_tiers() || tier == Tier::First(o.object);
+                copied.keygraphs(&o.model, if has { o.model.cell(tier, cell) } else { 0..0 }, o.shift, out, layout);
+                copied.subset(start, out, layout);
             }
         }
     }
-    copied.end_index(out, &layout);
-    write_header(out, first.method(), kind(models), tiers, &counts);
+    copied.end_index(out, layout);
+    write_header(out, *method, *feature, *tiers, counts);
     Ok(out.len())
 }
 
@@ -305,16 +396,8 @@ struct Copied {
 }
 
 impl Copied {
-    /// Appends the keygraphs `range` of `m`. `views` is the number of views in the models before
-    /// `m`.
-    fn keygraphs(
-        &mut self,
-        m: &Model<'_>,
-        range: core::ops::Range<usize>,
-        views: usize,
-        out: &mut [u8],
-        layout: &Layout,
-    ) {
+    /// Appends the keygraphs `range` of `m`, whose views get the numbers that `shift` says.
+    fn keygraphs(&mut self, m: &Model<'_>, range: Range<usize>, shift: Shift, out: &mut [u8], layout: &Layout) {
         let at = self.keygraphs;
         let parts = m.layout().parts(m.feature_bytes());
         for ((to, wide), (part, each)) in layout.parts(self.feature_bytes).into_iter().zip(parts) {
@@ -325,15 +408,16 @@ impl Copied {
                 continue;
             }
             for (out, source) in out.chunks_exact_mut(wide).zip(source.chunks_exact(each)) {
-                let (luma, chroma) = out.split_at_mut(each);
-                luma.copy_from_slice(source);
+                // The shorter of the two has luma alone.
+                let (luma, chroma) = out.split_at_mut(wide.min(each));
+                luma.copy_from_slice(&source[..luma.len()]);
                 chroma.fill(NO_CHROMA_BYTE);
             }
         }
         self.keygraphs += range.len();
         for i in at..self.keygraphs {
             let r = &mut out[layout.vertices + VERTICES * i..][..2];
-            let view = vertices::VIEW.get(r) + id(views);
+            let view = vertices::VIEW.get(r) - id(shift.from) + id(shift.to);
             vertices::VIEW.put(r, view);
         }
     }

@@ -350,7 +350,7 @@ impl<'a> Model<'a> {
     }
 
     /// Offset, width and height of the template of object `i`.
-    fn template_place(&self, i: usize) -> (usize, usize, usize) {
+    pub(crate) fn template_place(&self, i: usize) -> (usize, usize, usize) {
         let r = self.object_record(i);
         (
             object::TEMPLATE.size(r),

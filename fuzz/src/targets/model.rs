@@ -3,12 +3,12 @@
 //! In: bytes. Their header is mended so that it looks like the header of a model. Out: nothing. An
 //! accepted model is searched for in a frame that shows the object of the seeds, or in a frame of
 //! noise; the checksum selects which. The model is then packed with itself, and the pack is
-//! searched for too. Cost: two qqvga frames.
+//! searched for too. Each of its objects is packed alone. Cost: two qqvga frames.
 
 use std::sync::LazyLock;
 
 use crate::{PICTURE, check, detector, mend, picture};
-use keygraph_core::{Frame, Model, PixelFormat, pack, packed_len};
+use keygraph_core::{Frame, Model, Part, PixelFormat, pack, pack_parts, packed_len, packed_parts_len};
 
 const NOISE: (usize, usize) = (96, 64);
 
@@ -46,5 +46,12 @@ pub fn model(data: &[u8]) {
         // A pack is searched by its lists.
         detector.detect(&frame, &both, 0.0, &mut || 0).expect("it fits the profile");
         check(&detector, &both);
+    }
+    for object in 0..model.objects() {
+        let Some(part) = Part::of(model, object..object + 1) else { continue };
+        let Ok(n) = packed_parts_len(&[part.clone()]) else { continue };
+        let mut alone = vec![0; n];
+        assert_eq!(pack_parts(&[part], &mut alone), Ok(n));
+        assert_eq!(Model::parse(&alone).expect("a part is whole").objects(), 1);
     }
 }

@@ -30,15 +30,13 @@ pub struct Pair {
 /// An object: the index of its model, and its index in the model.
 type Place = (usize, usize);
 
-/// Tells which objects of different models look alike, each two once. `models` are the bytes of the
-/// models.
+/// Tells which objects of different models look alike, each two once. Objects that do not count are left out.
 ///
 /// # Errors
-/// When a model is damaged, or a picture of shared parts cannot be written.
-pub fn tell_among(models: &[Vec<u8>], shared: &Shared) -> Result<()> {
-    let models = models.iter().map(|bytes| Ok(Model::parse(bytes)?)).collect::<Result<Vec<_>>>()?;
+/// When a copy of an object is too small, or a picture of shared parts cannot be written.
+pub fn tell_among(models: &[Model<'_>], counts: impl Fn(Place) -> bool, shared: &Shared) -> Result<()> {
     let objects = |m: usize| (0..models[m].objects()).map(move |i| (m, i));
-    let all: Vec<Place> = (0..models.len()).flat_map(objects).collect();
+    let all: Vec<Place> = (0..models.len()).flat_map(objects).filter(|&o| counts(o)).collect();
     let object = |(m, i): Place| models[m].object(i);
     let progress = Progress::new(Some(all.len() as u64), "objects compared");
     let mut pairs: Vec<(Place, Place, Alike)> = Vec::new();
@@ -46,6 +44,9 @@ pub fn tell_among(models: &[Vec<u8>], shared: &Shared) -> Result<()> {
         for (m, model) in models.iter().enumerate().filter(|&(m, _)| m != shown.0) {
             for alike in alike(&object(shown), model)? {
                 let taken = (m, alike.taken);
+                if !counts(taken) {
+                    continue;
+                }
                 match pairs.iter_mut().find(|(a, b, _)| (*a, *b) == (taken, shown)) {
                     Some(pair) if pair.2.share >= alike.share => {}
                     Some(pair) => *pair = (shown, taken, alike),

@@ -56,7 +56,7 @@ struct Cli {
 enum Command {
     /// Train a model on one picture of an object, or on an object held up to a camera
     Train(Box<train::Arguments>),
-    /// Merge models into one file that finds all their objects
+    /// Merge models into one file that finds all their objects, or change the objects of such a file
     Pack(pack::Arguments),
     /// Tell what is in a model
     Inspect(inspect::Arguments),

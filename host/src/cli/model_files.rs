@@ -8,7 +8,7 @@ use std::{io, slice};
 
 use anyhow::{Context, Error, Result, ensure};
 use keygraph::file::{Identity, read_whole};
-use keygraph::learn::merge;
+use keygraph::learn;
 use keygraph_core::{MAGIC, Model, PackError};
 
 /// The models that are meant: those of a folder in place of the folder, by name, and each file once.
@@ -51,7 +51,7 @@ pub fn load(paths: &[PathBuf]) -> Result<Vec<u8>> {
     if models.len() == 1 {
         return Ok(models.remove(0));
     }
-    merged(&models, paths)
+    joined(&parse_all(&models, paths)?, paths)
 }
 
 /// Reads models.
@@ -65,15 +65,20 @@ pub fn read_all(paths: &[PathBuf]) -> Result<Vec<Vec<u8>>> {
 /// Merges the models that were read from `paths`.
 ///
 /// # Errors
-/// When a model is damaged or does not go with the others.
-pub fn merged(models: &[Vec<u8>], paths: &[PathBuf]) -> Result<Vec<u8>> {
-    for (bytes, path) in models.iter().zip(paths) {
-        parse(bytes, slice::from_ref(path))?;
-    }
-    merge(models).map_err(|e| match e.downcast_ref() {
-        Some(&PackError::Different { index }) => e.context(paths[index].display().to_string()),
-        _ => e,
+/// When a model does not go with the others.
+pub fn joined(models: &[Model<'_>], paths: &[PathBuf]) -> Result<Vec<u8>> {
+    learn::joined(models).map_err(|e| match e {
+        PackError::Different { index } => Error::new(e).context(paths[index].display().to_string()),
+        _ => e.into(),
     })
+}
+
+/// Parses the models that were read from `paths`.
+///
+/// # Errors
+/// When a model is damaged; the message names its path.
+pub fn parse_all<'a>(models: &'a [Vec<u8>], paths: &[PathBuf]) -> Result<Vec<Model<'a>>> {
+    models.iter().zip(paths).map(|(bytes, path)| parse(bytes, slice::from_ref(path))).collect()
 }
 
 fn read(path: &Path) -> Result<Vec<u8>> {

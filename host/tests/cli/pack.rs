@@ -1,5 +1,6 @@
-//! `keygraph pack`: models in one file, and several models given to `detect`.
+//! `keygraph pack`: models in one file, its objects added, replaced and removed, and several models given to `detect`.
 
+use std::fs;
 use std::path::{Path, PathBuf};
 
 use image::RgbImage;
@@ -7,7 +8,7 @@ use image::imageops::{FilterType, resize};
 
 use crate::lines::{count, list, text, without_times};
 use crate::program::{Folder, frame, picture, pixels};
-use crate::{astronaut, compact};
+use crate::{astronaut, compact, program};
 
 #[test]
 fn packed_models_find_what_each_finds() {
@@ -123,6 +124,19 @@ fn objects_that_look_alike_are_told_with_a_picture_of_what_they_share() {
     };
     assert!(bright(60) > 2 * bright(250), "bright where they agree, dark where they differ");
 
+    // What is added is compared with all that is kept, which is not compared with each other.
+    let alike = |run: program::Run| -> Vec<String> {
+        let said: Vec<_> = run.err.lines().filter(|l| l.contains("looks like")).map(String::from).collect();
+        assert!(said.iter().all(|line| line.contains(" three")), "{said:?}");
+        let names =
+            ["one", "two", "other"].into_iter().filter(|name| said.iter().any(|l| l.contains(&format!(" {name}"))));
+        names.map(String::from).collect()
+    };
+    let three = model("three", ["astronaut", "rocket"]);
+    assert_eq!(alike(keygraph!("pack", "-m", all, "--add", three).ended_with(0)), ["one", "two", "other"]);
+    assert!(alike(keygraph!("pack", "-m", all, "--remove", "three").ended_with(0)).is_empty());
+    assert_eq!(alike(keygraph!("pack", "-m", all, "--remove", "one", "--add", three).ended_with(0)), ["two", "other"]);
+
     let picture = joined(&folder, "p.png", ["astronaut", "chelsea"]);
     let again = folder.join("again.kgm");
     let report = keygraph!("train", picture, "-o", again, "--preset", "compact", "--json", "--beside", one, other);
@@ -130,4 +144,87 @@ fn objects_that_look_alike_are_told_with_a_picture_of_what_they_share() {
     assert_eq!(alike.iter().map(|a| text(a, "object")).collect::<Vec<_>>(), ["one"]);
     assert!((0.45..0.75).contains(&alike[0]["share"].as_f64().unwrap()), "{alike:?}");
     keygraph!("train", picture, "-o", again, "--beside", folder.join("none.kgm")).refused_with(&["none.kgm"]);
+}
+
+/// Models of four pictures: their paths, and a function that gives the bytes of a pack of them.
+fn four(folder: &Folder) -> ([PathBuf; 4], impl Fn(&[&Path]) -> Vec<u8>) {
+    let models = ["coffee", "rocket", "brick"].map(|name| folder.file(&format!("{name}.kgm"), &compact(name, &[])));
+    let [coffee, rocket, brick] = models;
+    let (astronaut, all) = (astronaut(folder), folder.join("expected.kgm"));
+    let packed = move |models: &[&Path]| {
+        let mut arguments = args!["pack", "-o", all].to_vec();
+        arguments.extend(models.iter().map(|m| m.as_os_str().to_owned()));
+        program::keygraph(&arguments).ended_with(0);
+        let bytes = fs::read(&all).unwrap();
+        fs::remove_file(&all).unwrap();
+        bytes
+    };
+    ([astronaut, coffee, rocket, brick], packed)
+}
+
+#[test]
+fn objects_are_added_replaced_and_removed_as_if_all_were_packed_anew() {
+    let folder = Folder::new("change");
+    let ([astronaut, coffee, rocket, brick], packed) = four(&folder);
+    let two = packed(&[&astronaut, &coffee]);
+    let all = folder.file("all.kgm", &two);
+    let assert_is = |what: &str, expected: Vec<u8>| assert!(fs::read(&all).unwrap() == expected, "{what}");
+
+    let run = keygraph!("pack", "-m", all, "--add", rocket, brick).ended_with(0);
+    assert!(run.out.starts_with("4 objects, 2 added\n"), "{}", run.out);
+    assert_is("two are added", packed(&[&astronaut, &coffee, &rocket, &brick]));
+    let run = keygraph!("pack", "-m", all, "--remove", "coffee").ended_with(0);
+    assert!(run.out.starts_with("3 objects, 1 removed\n"), "{}", run.out);
+    assert_is("one in the middle is removed", packed(&[&astronaut, &rocket, &brick]));
+    keygraph!("pack", "-m", all, "--add", coffee, "--remove", "rocket", "brick").ended_with(0);
+    assert_is("two are removed and one is added", two.clone());
+    keygraph!("pack", "-m", all, "--add", rocket).ended_with(0);
+    keygraph!("pack", "-m", all, "--remove", "rocket").ended_with(0);
+    assert_is("the last added is removed", two.clone());
+
+    // A replaced object keeps its place. One that is removed and added comes last.
+    let other = folder.file("other.kgm", &compact("chelsea", &["--name", "astronaut"]));
+    let run = keygraph!("pack", "-m", all, "--replace", other, "--add", rocket).ended_with(0);
+    assert!(run.out.starts_with("3 objects, 1 added, 1 replaced\n"), "{}", run.out);
+    assert_is("one is replaced", packed(&[&other, &coffee, &rocket]));
+    keygraph!("pack", "-m", all, "--remove", "astronaut", "--add", astronaut).ended_with(0);
+    assert_is("one is removed and added", packed(&[&coffee, &rocket, &astronaut]));
+
+    // The models come out as they went in, also those of gray pictures. Another file can be written.
+    keygraph!("pack", "-m", all, "--add", brick).ended_with(0);
+    let (before, out) = (fs::read(&all).unwrap(), folder.join("out.kgm"));
+    keygraph!("pack", "-m", all, "--remove", "coffee", "rocket", "astronaut", "-o", out).ended_with(0);
+    assert!(fs::read(out).unwrap() == fs::read(brick).unwrap(), "the last object is its model");
+    assert_is("-o leaves the file as it is", before);
+}
+
+#[test]
+fn changes_that_cannot_be_made_are_refused_and_the_file_stays() {
+    let folder = Folder::new("no-change");
+    let ([astronaut, coffee, rocket, _], packed) = four(&folder);
+    let before = packed(&[&astronaut, &coffee]);
+    let all = folder.file("all.kgm", &before);
+    let twice = folder.file("twice.kgm", &packed(&[&astronaut, &coffee, &astronaut]));
+    let paper = folder.join("paper.kgm");
+    keygraph!("train", picture("rocket"), "-o", paper, "--preset", "paper").ended_with(0);
+    let names = folder.names();
+
+    keygraph!("pack", "-m", all, "--add", coffee).refused_with(&["all.kgm", "an object coffee already", "replace"]);
+    keygraph!("pack", "-m", all, "--add", rocket, rocket).refused_with(&["an object rocket already"]);
+    keygraph!("pack", "-m", all, "--remove", "cofee")
+        .refused_with(&["all.kgm: there is no object cofee: there are astronaut, coffee"]);
+    keygraph!("pack", "-m", all, "--replace", rocket)
+        .refused_with(&["no object rocket", "there are astronaut, coffee"]);
+    keygraph!("pack", "-m", all, "--replace", coffee, coffee).refused_with(&["coffee is to be replaced twice"]);
+    keygraph!("pack", "-m", twice, "--replace", astronaut).refused_with(&["2 objects astronaut", "remove them"]);
+    keygraph!("pack", "-m", all, "--remove", "astronaut", "coffee").refused_with(&["no object would be left"]);
+    keygraph!("pack", "-m", all, "--add", paper).refused_with(&["rocket", "another method", "--preset paper"]);
+    keygraph!("pack", "-m", all, "--add", all).refused_with(&["would overwrite an input"]);
+    keygraph!("pack", "-m", all, "--add", rocket, "-o", rocket).refused_with(&["would overwrite an input"]);
+    keygraph!("pack", "-m", folder.join("none.kgm"), "--add", rocket).refused_with(&["none.kgm", "keygraph train"]);
+    keygraph!("pack", "-m", "/dev/null", "--add", rocket).refused_with(&["/dev/null is no file", "-o"]);
+    assert_eq!((fs::read(&all).unwrap() == before, folder.names()), (true, names), "nothing was written");
+
+    keygraph!("pack", "-m", twice, "--remove", "astronaut").ended_with(0);
+    assert!(fs::read(twice).unwrap() == fs::read(coffee).unwrap(), "all objects of a name are removed");
 }

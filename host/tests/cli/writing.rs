@@ -113,8 +113,9 @@ fn a_file_that_cannot_grow_leaves_the_one_before() {
     let (out, arguments) = packing(&folder);
     let (heat, before) = (folder.file("heat.png", b"old"), folder.names());
     let draw = args!["detect", "-m", astronaut(&folder), frame(0), "--annotate", heat];
+    let change = args!["pack", "-m", out, "--replace", astronaut(&folder)];
     // The signal would end the program; without it, writing fails as on a full disk.
-    for arguments in [&arguments[..], &draw] {
+    for arguments in [&arguments[..], &draw, &change] {
         let run = limited("trap '' XFSZ; ulimit -f 64", arguments);
         let said = String::from_utf8_lossy(&run.stderr);
         assert!(run.status.code() == Some(1) && said.contains("cannot write"), "{said}");
