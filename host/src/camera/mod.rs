@@ -23,7 +23,9 @@
 //! - [`tally`]: numbers for those who watch the program
 //! - [`replay`]: a file in place of a camera
 //! - [`shelf`]: a folder that keeps models when the program ends
+//! - [`entry`]: one model as it was given
 //! - [`models`]: the models in use
+//! - [`folder`]: changes of the files on the shelf
 //! - [`tracker`]: the states of objects
 //! - [`shot`]: a searched frame in the form that viewers get
 //! - [`live`]: the search of the newest frame
@@ -51,7 +53,9 @@ pub mod lines;
 pub mod tally;
 pub mod replay;
 pub mod shelf;
+pub mod entry;
 pub mod models;
+pub mod folder;
 pub mod tracker;
 pub mod shot;
 pub mod space;
