@@ -25,6 +25,7 @@ impl Files {
         paths.push(path.to_path_buf());
     }
 
+    #[cfg(any(test, feature = "live"))]
     fn remove(&self) {
         for path in self.0.lock().unwrap_or_else(PoisonError::into_inner).drain(..) {
             // Most are finished: then nothing has this name.

@@ -102,8 +102,12 @@ impl Folder {
         for one in news {
             let done = if is_done { Ok(()) } else { models.change(&[one.change]) };
             match done {
-                Ok(()) if one.told.is_empty() => {}
-                Ok(()) => tracing::info!("{}", plain(&one.told)),
+                Ok(()) => {
+                    self.refused.remove(&one.path);
+                    if !one.told.is_empty() {
+                        tracing::info!("{}", plain(&one.told));
+                    }
+                }
                 Err(error) => self.refuse(&one.path, one.stamp, one.is_exchange, models, &error),
             }
         }

@@ -66,7 +66,7 @@ fn folders_in_folders_are_read_when_asked_for() {
 }
 
 /// Whether there is an ffmpeg. Prints a line that cargo does not hide when there is none.
-fn has_ffmpeg() -> bool {
+pub fn has_ffmpeg() -> bool {
     if Command::new("ffmpeg").arg("-version").output().is_ok() {
         return true;
     }
