@@ -63,7 +63,7 @@ impl Entry {
         Self { id: 0, name: name.to_string(), length, file, sha256: None, objects, stamp, digest, place }
     }
 
-    /// An ordered model, for [`Models::exchange`](super::models::Models::exchange): `bytes` with this `sha256`, which are those of the file
+    /// An ordered model, for the exchange of all ordered ones: `bytes` with this `sha256`, which are those of the file
     /// `opened`, if there is one.
     ///
     /// # Errors

@@ -71,18 +71,25 @@ impl Folder {
             Err(error) => return self.warn(&format!("{error:#}; the models stay as they are")),
         };
         let entries: BTreeMap<&Path, &Entry> = entries.iter().filter_map(|e| Some((e.file.as_deref()?, e))).collect();
-        let mut news = Vec::new();
+        let mut waiting = Vec::new();
         for (path, stamp) in &files {
             let entry = entries.get(path.as_path()).copied();
             let is_known = entry.is_some_and(|entry| stamp.is_none() || entry.stamp == *stamp);
             let is_settled = stamp.is_some() && self.files.get(path) == Some(stamp);
-            let is_refused = self.refused.get(path) == Some(&(*stamp, models.changes()));
-            if is_known || !is_settled || is_refused {
-                continue;
+            if !is_known && is_settled {
+                let is_refused = self.refused.get(path) == Some(&(*stamp, models.changes()));
+                waiting.push((path, *stamp, entry, is_refused));
             }
+        }
+        // One that did not go with the others may go with those that come now.
+        if waiting.iter().all(|(.., is_refused)| *is_refused) {
+            waiting.clear();
+        }
+        let mut news = Vec::new();
+        for (path, stamp, entry, _) in waiting {
             match models.from_shelf(path, entry.map(|entry| entry.id)) {
                 Ok(new) => news.push(News::new(path, entry, new)),
-                Err(error) => self.refuse(path, *stamp, entry.is_some(), models, &error),
+                Err(error) => self.refuse(path, stamp, entry.is_some(), models, &error),
             }
         }
         let missed: BTreeMap<u64, &Entry> =
@@ -97,8 +104,11 @@ impl Folder {
 
     /// Changes the models; when not all changes can be made, those that can.
     fn take(&mut self, models: &Models, news: Vec<News>) {
+        if news.is_empty() {
+            return;
+        }
         let changes: Vec<_> = news.iter().map(|one| one.change.clone()).collect();
-        let is_done = !changes.is_empty() && models.change(&changes).is_ok();
+        let is_done = models.change(&changes).is_ok();
         for one in news {
             let done = if is_done { Ok(()) } else { models.change(&[one.change]) };
             match done {
@@ -108,7 +118,10 @@ impl Folder {
                         tracing::info!("{}", plain(&one.told));
                     }
                 }
-                Err(error) => self.refuse(&one.path, one.stamp, one.is_exchange, models, &error),
+                Err(error) => {
+                    let error = error.context(one.path.display().to_string());
+                    self.refuse(&one.path, one.stamp, one.is_exchange, models, &error);
+                }
             }
         }
     }
@@ -193,9 +206,13 @@ mod tests {
 
     /// A small model of noise.
     fn model(name: &str) -> Vec<u8> {
+        trained(name, Preset::Compact)
+    }
+
+    fn trained(name: &str, preset: Preset) -> Vec<u8> {
         let noise = (0..200 * 200_u32).map(|i| (((i / 8 % 25 * 7 + i / 1600 * 31) * 2_654_435) >> 9).to_le_bytes()[0]);
         let picture = Picture { width: 200, height: 200, pixels: Pixels::Gray8(noise.collect()) };
-        train_within(&picture, name, Preset::Compact, true, 60_000).expect("trains").0
+        train_within(&picture, name, preset, true, 60_000).expect("trains").0
     }
 
     /// The folder, the models in it, and how it is looked at.
@@ -323,6 +340,21 @@ mod tests {
         watched.look(4);
         let names: Vec<_> = watched.models.entries().iter().filter_map(Entry::file_name).collect();
         assert_eq!((names.len(), names.last().map(String::as_str)), (files.len() - 1, Some("064.kgm")));
+    }
+
+    #[test]
+    fn models_of_another_method_wait_until_all_are_of_it() {
+        let mut watched = Watched::new("folder-methods", &[("a.kgm", &model("one")), ("b.kgm", &model("two"))]);
+        let paper = |name| trained(name, Preset::Paper);
+        watched.write("c.kgm", &paper("three"));
+        assert_eq!(watched.look(3), seen(1, "one two"));
+        assert_eq!(watched.folder.refused.len(), 1);
+        watched.write("d.kgm", &model("four"));
+        assert_eq!(watched.look(3), seen(2, "one two four"), "beside one that does not go with it");
+        fs::remove_file(watched.path("d.kgm")).expect("removes");
+        watched.write("a.kgm", &paper("five"));
+        watched.write("b.kgm", &paper("six"));
+        assert_eq!(watched.look(3), seen(3, "five six three"));
     }
 
     #[test]

@@ -25,10 +25,10 @@
 //! - [`shelf`]: a folder that keeps models when the program ends
 //! - [`entry`]: one model as it was given
 //! - [`models`]: the models in use
-//! - [`folder`]: changes of the files on the shelf
 //! - [`tracker`]: the states of objects
 //! - [`shot`]: a searched frame in the form that viewers get
 //! - [`live`]: the search of the newest frame
+//! - [`folder`]: changes of the files on the shelf
 //! - `device`: cameras through V4L2 (with the feature `camera`, on Linux)
 //! - [`lesson`]: training on an object in a frame
 //! - [`attempts`]: attempts to guess the token
@@ -55,11 +55,11 @@ pub mod replay;
 pub mod shelf;
 pub mod entry;
 pub mod models;
-pub mod folder;
 pub mod tracker;
 pub mod shot;
 pub mod space;
 pub mod live;
+pub mod folder;
 #[cfg(all(feature = "camera", target_os = "linux"))]
 pub mod device;
 pub mod lesson;

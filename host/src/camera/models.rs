@@ -111,8 +111,9 @@ impl Models {
             models.read(path)?;
         }
         for (path, stamp) in kept {
-            let known =
-                models.from_shelf(&path, None).and_then(|entry| models.alter(&[Change::New(entry)]).map(|_| ()));
+            let known = models
+                .from_shelf(&path, None)
+                .and_then(|entry| models.prepare(&[Change::New(entry)]).with_context(|| path.display().to_string()));
             if let Err(error) = known {
                 tracing::error!("left out: {}", plain(&format!("{error:#}")));
                 models.left_out.push((path, stamp));
@@ -135,36 +136,21 @@ impl Models {
         inserted.map(|_| ()).with_context(|| path.display().to_string())
     }
 
-    /// Reads a model on the shelf, for [`Self::change`]. `id` is that of the model that it will be exchanged for.
+    /// Reads a model on the shelf, for [`Self::change`], if there is room for another one. With an `id`, it will be
+    /// exchanged for that model.
     ///
     /// # Errors
-    /// When it cannot be read, is damaged, or does not go with the others; when there are too many.
+    /// When it cannot be read, or is damaged; when there are too many.
     pub fn from_shelf(&self, path: &Path, id: Option<u64>) -> Result<Entry> {
+        let name = || path.display().to_string();
         if id.is_none() {
-            check_room(self.count()).with_context(|| path.display().to_string())?;
+            check_room(self.count()).with_context(name)?;
         }
         let (bytes, opened, stamp) = Shelf::read(path)?;
-        let read = || {
-            let model = Model::parse(&bytes)?;
-            self.goes_with_others(model, id)?;
-            anyhow::Ok(objects_of(&model))
-        };
-        let objects = read().with_context(|| path.display().to_string())?;
+        let objects = objects_of(&Model::parse(&bytes).with_context(name)?);
         let mut entry = Entry::new(&name_of(path), objects, bytes, Some(path.to_path_buf()), Some(opened));
         entry.stamp = Some(stamp);
         Ok(entry)
-    }
-
-    /// Checks a model against one of the others: what goes with it goes with all, which were checked likewise. The
-    /// model `id` is none of them.
-    fn goes_with_others(&self, model: Model<'_>, id: Option<u64>) -> Result<()> {
-        let other = self.lock().entries.iter().rfind(|entry| Some(entry.id) != id).cloned();
-        if let Some(other) = other.and_then(|other| other.read().ok())
-            && let Ok(other) = Model::parse(&other)
-        {
-            packed_len(&[other, model]).context("the models do not go together")?;
-        }
-        Ok(())
     }
 
     fn lock(&self) -> MutexGuard<'_, Content> {
@@ -205,7 +191,8 @@ impl Models {
         let objects = objects_of(&model);
         let _writing = self.writing.lock().unwrap_or_else(PoisonError::into_inner);
         check_room(self.count())?;
-        self.goes_with_others(model, None)?;
+        let last = self.lock().entries.last().cloned();
+        last.map_or(Ok(()), |last| check_together(&last, model))?;
         let (file, opened) = keep(&bytes)?;
         let mut entry = Entry::new(name, objects, bytes, file, opened);
         let mut content = self.lock();
@@ -261,7 +248,7 @@ impl Models {
     /// # Errors
     /// When there are too many models, or they do not go together. Then nothing is changed.
     pub fn change(&self, changes: &[Change]) -> Result<()> {
-        let back = self.alter(changes)?;
+        let back = self.prepare(changes)?;
         if let Err(error) = self.merge_changes() {
             self.alter(&back)?;
             // The search may have nothing until this is done.
@@ -269,6 +256,24 @@ impl Models {
             return Err(error);
         }
         Ok(())
+    }
+
+    /// Makes changes whose models go with each other and with those that stay. They are not merged yet. Returns the
+    /// changes that undo them.
+    fn prepare(&self, changes: &[Change]) -> Result<Vec<Change>> {
+        let stays = |entry: &&Entry| {
+            !changes.iter().any(|c| matches!(c, Change::Exchanged(id, _) | Change::Gone(id) if *id == entry.id))
+        };
+        let new = |change: &Change| match change {
+            Change::New(entry) | Change::Exchanged(_, entry) => Some(entry.clone()),
+            Change::Gone(_) => None,
+        };
+        let mut new: Vec<_> = changes.iter().filter_map(new).collect();
+        let other = self.lock().entries.iter().rfind(stays).cloned();
+        if let Some(other) = other.or_else(|| new.pop()) {
+            new.iter().try_for_each(|entry| check_together(&other, Model::parse(&entry.read()?)?))?;
+        }
+        self.alter(changes)
     }
 
     /// Makes changes, which are not merged yet. Returns the changes that undo them.
@@ -329,7 +334,8 @@ impl Models {
         if size(&entries) > LITTLE {
             self.give_up();
         }
-        let (merged, lacking) = merge_all(&entries);
+        let mut lacking = Vec::new();
+        let merged = merge_all(&entries, &mut lacking);
         let mut content = self.lock();
         // The search goes on also when there is no merged model.
         content.given_up = false;
@@ -452,21 +458,31 @@ fn check_room(count: usize) -> Result<()> {
     Ok(())
 }
 
+/// Checks a model beside one in use: what goes with one goes with all, which were checked likewise.
+fn check_together(entry: &Entry, model: Model<'_>) -> Result<()> {
+    if let Ok(bytes) = entry.read()
+        && let Ok(other) = Model::parse(&bytes)
+    {
+        packed_len(&[other, model]).context("the models do not go together")?;
+    }
+    Ok(())
+}
+
 /// The name of a model for people: that of its file.
 fn name_of(path: &Path) -> String {
     path.file_stem().map_or_else(String::new, |s| plain(&s.to_string_lossy()).into_owned())
 }
 
-/// Merges models. One that cannot be read any more is left out and logged. Returns the ids of these too.
-fn merge_all(entries: &[Entry]) -> (Result<Option<Arc<Vec<u8>>>>, Vec<u64>) {
+/// Merges models. One that cannot be read any more is left out and logged. The ids of these go to `lacking`.
+fn merge_all(entries: &[Entry], lacking: &mut Vec<u64>) -> Result<Option<Arc<Vec<u8>>>> {
     if let [entry] = entries
         && let Some(bytes) = entry.in_memory()
     {
-        return (Ok(Some(Arc::clone(bytes))), Vec::new());
+        return Ok(Some(Arc::clone(bytes)));
     }
     // One piece of memory goes back to the system when it is freed; many small ones may not.
     let mut bytes = vec![0; size(entries)];
-    let (mut rest, mut all, mut lacking) = (bytes.as_mut_slice(), Vec::new(), Vec::new());
+    let (mut rest, mut all) = (bytes.as_mut_slice(), Vec::new());
     for entry in entries {
         let (own, others) = rest.split_at_mut(entry.length);
         rest = others;
@@ -479,12 +495,11 @@ fn merge_all(entries: &[Entry]) -> (Result<Option<Arc<Vec<u8>>>>, Vec<u64>) {
             }
         }
     }
-    let merged = match all.as_slice() {
-        [] => Ok(None),
-        [one] => Ok(Some(Arc::new(one.to_vec()))),
-        several => merge(several).context("the models do not go together").map(|merged| Some(Arc::new(merged))),
-    };
-    (merged, lacking)
+    Ok(match all.as_slice() {
+        [] => None,
+        [one] => Some(Arc::new(one.to_vec())),
+        several => Some(Arc::new(merge(several).context("the models do not go together")?)),
+    })
 }
 
 #[allow(clippy::cast_possible_truncation, reason = "noise")]
