@@ -8,14 +8,15 @@ use std::fs::File;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::io;
 use std::os::unix::fs::FileExt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use keygraph_core::Model;
 use serde_json::{Value, json};
 
-use super::shelf::Stamp;
+use super::shelf::{Shelf, Stamp};
+use crate::output::plain;
 
 /// One model as it was given.
 #[derive(Clone, Debug)]
@@ -71,6 +72,17 @@ impl Entry {
     pub fn ordered(name: &str, sha256: &str, bytes: Vec<u8>, opened: Option<File>) -> Result<Self> {
         let objects = objects_of(&Model::parse(&bytes)?);
         Ok(Self { sha256: Some(sha256.to_string()), ..Self::new(name, objects, bytes, None, opened) })
+    }
+
+    /// A model on the shelf, which somebody else may be writing.
+    ///
+    /// # Errors
+    /// When it cannot be read, changes meanwhile, or is damaged.
+    pub fn on_shelf(path: &Path) -> Result<Self> {
+        let (bytes, opened, stamp) = Shelf::read(path)?;
+        let objects = objects_of(&Model::parse(&bytes).with_context(|| path.display().to_string())?);
+        let entry = Self::new(&name_for(path), objects, bytes, Some(path.to_path_buf()), Some(opened));
+        Ok(Self { stamp: Some(stamp), ..entry })
     }
 
     /// The bytes of the model.
@@ -136,4 +148,10 @@ impl Entry {
 pub fn objects_of(model: &Model<'_>) -> Value {
     let objects = (0..model.objects()).map(|i| model.object(i));
     objects.map(|o| json!({"name": o.name, "width": o.width, "height": o.height})).collect()
+}
+
+/// The name of a model for people: that of its file.
+#[must_use]
+pub fn name_for(path: &Path) -> String {
+    path.file_stem().map_or_else(String::new, |stem| plain(&stem.to_string_lossy()).into_owned())
 }

@@ -15,13 +15,14 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
+use anyhow::{Context, Error};
 use tokio::sync::watch;
 use tokio::task::spawn_blocking;
 use tokio::time::timeout;
 
 use super::entry::Entry;
 use super::live::Live;
-use super::models::{Change, Models};
+use super::models::{Change, Models, check_room};
 use super::repeated::Repeated;
 use super::shelf::Stamp;
 use crate::output::plain;
@@ -85,10 +86,14 @@ impl Folder {
         if waiting.iter().all(|(.., is_refused)| *is_refused) {
             waiting.clear();
         }
-        let mut news = Vec::new();
+        let (mut news, mut count) = (Vec::new(), models.count());
         for (path, stamp, entry, _) in waiting {
-            match models.from_shelf(path, entry.map(|entry| entry.id)) {
-                Ok(new) => news.push(News::new(path, entry, new)),
+            let room = if entry.is_some() { Ok(()) } else { check_room(count) };
+            match room.with_context(|| path.display().to_string()).and_then(|()| Entry::on_shelf(path)) {
+                Ok(new) => {
+                    count += usize::from(entry.is_none());
+                    news.push(News::new(path, entry, new));
+                }
                 Err(error) => self.refuse(path, stamp, entry.is_some(), models, &error),
             }
         }
@@ -126,7 +131,7 @@ impl Folder {
         }
     }
 
-    fn refuse(&mut self, path: &Path, stamp: Option<Stamp>, in_use: bool, models: &Models, error: &anyhow::Error) {
+    fn refuse(&mut self, path: &Path, stamp: Option<Stamp>, in_use: bool, models: &Models, error: &Error) {
         // A file that is refused for the others is tried again when these change.
         let before = self.refused.insert(path.to_path_buf(), (stamp, models.changes()));
         if before.is_none_or(|before| before.0 != stamp) {
@@ -340,6 +345,10 @@ mod tests {
         watched.look(4);
         let names: Vec<_> = watched.models.entries().iter().filter_map(Entry::file_name).collect();
         assert_eq!((names.len(), names.last().map(String::as_str)), (files.len() - 1, Some("064.kgm")));
+        // All at once.
+        let mut watched = Watched::new("folder-filled", &[]);
+        files.iter().for_each(|(name, bytes)| watched.write(name, bytes));
+        assert_eq!((watched.look(3).0, watched.models.count()), (1, files.len() - 1), "in one merge");
     }
 
     #[test]

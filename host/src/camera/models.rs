@@ -24,7 +24,7 @@ use anyhow::{Context, Result, ensure};
 use keygraph_core::{Model, packed_len};
 use serde_json::{Value, json};
 
-use super::entry::{Entry, objects_of};
+use super::entry::{Entry, name_for, objects_of};
 use super::shelf::{Shelf, Stamp};
 use crate::file::{open_regular, read_whole};
 use crate::learn::merge;
@@ -111,8 +111,7 @@ impl Models {
             models.read(path)?;
         }
         for (path, stamp) in kept {
-            let known = models
-                .from_shelf(&path, None)
+            let known = Entry::on_shelf(&path)
                 .and_then(|entry| models.prepare(&[Change::New(entry)]).with_context(|| path.display().to_string()));
             if let Err(error) = known {
                 tracing::error!("left out: {}", plain(&format!("{error:#}")));
@@ -132,25 +131,8 @@ impl Models {
         let bytes = read_whole(path).with_context(|| format!("cannot read the model {}", path.display()))?;
         // A pipe is read once, above.
         let opened = fs::metadata(path).ok().filter(fs::Metadata::is_file).and_then(|_| File::open(path).ok());
-        let inserted = self.insert(&name_of(path), bytes, |_| Ok((None, opened)));
+        let inserted = self.insert(&name_for(path), bytes, |_| Ok((None, opened)));
         inserted.map(|_| ()).with_context(|| path.display().to_string())
-    }
-
-    /// Reads a model on the shelf, for [`Self::change`], if there is room for another one. With an `id`, it will be
-    /// exchanged for that model.
-    ///
-    /// # Errors
-    /// When it cannot be read, or is damaged; when there are too many.
-    pub fn from_shelf(&self, path: &Path, id: Option<u64>) -> Result<Entry> {
-        let name = || path.display().to_string();
-        if id.is_none() {
-            check_room(self.count()).with_context(name)?;
-        }
-        let (bytes, opened, stamp) = Shelf::read(path)?;
-        let objects = objects_of(&Model::parse(&bytes).with_context(name)?);
-        let mut entry = Entry::new(&name_of(path), objects, bytes, Some(path.to_path_buf()), Some(opened));
-        entry.stamp = Some(stamp);
-        Ok(entry)
     }
 
     fn lock(&self) -> MutexGuard<'_, Content> {
@@ -453,7 +435,10 @@ fn size(entries: &[Entry]) -> usize {
 }
 
 /// Checks that there may be one more than `count` models.
-fn check_room(count: usize) -> Result<()> {
+///
+/// # Errors
+/// When there are [`MOST`].
+pub fn check_room(count: usize) -> Result<()> {
     ensure!(count < MOST, "{MOST} models are in use: remove one first");
     Ok(())
 }
@@ -466,11 +451,6 @@ fn check_together(entry: &Entry, model: Model<'_>) -> Result<()> {
         packed_len(&[other, model]).context("the models do not go together")?;
     }
     Ok(())
-}
-
-/// The name of a model for people: that of its file.
-fn name_of(path: &Path) -> String {
-    path.file_stem().map_or_else(String::new, |s| plain(&s.to_string_lossy()).into_owned())
 }
 
 /// Merges models. One that cannot be read any more is left out and logged. The ids of these go to `lacking`.
