@@ -6,8 +6,9 @@
 use std::ffi::OsString;
 use std::io::{self, Read, Write};
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
@@ -193,12 +194,36 @@ pub(crate) fn file_argument(path: &Path) -> OsString {
     file
 }
 
+/// The processes that run. Who waits for one or ends one holds the lock: so none is missed by [`stop_all`].
+static RUNNING: Mutex<Vec<Child>> = Mutex::new(Vec::new());
+
+fn running() -> MutexGuard<'static, Vec<Child>> {
+    // Every change is made in one call.
+    RUNNING.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Ends all processes, for a program that is about to end. From now on, whoever starts one or waits for one waits
+/// without an end, and has nothing to report.
+#[cfg(feature = "live")]
+pub(crate) fn stop_all() {
+    let mut running = running();
+    for child in running.iter_mut() {
+        // Both fail when it has ended already: then there is nothing to do.
+        let _ = child.kill();
+        let _ = child.wait();
+    }
+    std::mem::forget(running);
+}
+
 /// An ffmpeg child process. A thread drains its messages, so that ffmpeg never waits for
 /// this program to read them. The process is killed and waited for when this is dropped.
 #[derive(Debug)]
 pub(crate) struct Ffmpeg {
-    /// The process. Its standard input and output are pipes, for the owner to take.
-    pub(crate) child: Child,
+    /// The pipe to its standard input, for the owner to take.
+    pub(crate) input: Option<ChildStdin>,
+    /// The pipe of its standard output, for the owner to take.
+    pub(crate) output: Option<ChildStdout>,
+    id: u32,
     messages: Option<JoinHandle<String>>,
 }
 
@@ -212,6 +237,7 @@ impl Ffmpeg {
     }
 
     fn start_program(program: &str, arguments: &[OsString]) -> Result<Self> {
+        let mut running = running();
         let mut child = Command::new(program)
             .args(["-v", "error", "-nostdin"])
             .args(arguments)
@@ -224,7 +250,9 @@ impl Ffmpeg {
                 _ => anyhow!("cannot start ffmpeg: {error}"),
             })?;
         let messages = child.stderr.take().map(|stderr| thread::spawn(|| first_messages(stderr)));
-        Ok(Self { child, messages })
+        let (input, output, id) = (child.stdin.take(), child.stdout.take(), child.id());
+        running.push(child);
+        Ok(Self { input, output, id, messages })
     }
 
     /// Waits for the end of the process. Returns what it wrote to standard error.
@@ -233,10 +261,12 @@ impl Ffmpeg {
     /// When ffmpeg failed; the error holds what it wrote.
     pub(crate) fn finish(mut self) -> Result<String> {
         // An open pipe would keep ffmpeg waiting.
-        self.child.stdin = None;
-        self.child.stdout = None;
-        let status = self.child.wait().context("cannot wait for ffmpeg")?;
+        self.input = None;
+        self.output = None;
+        // Its messages end when it does: the wait is short, then.
         let messages = self.messages.take().and_then(|thread| thread.join().ok()).unwrap_or_default();
+        let status = self.take(&mut running()).map(|mut child| child.wait());
+        let status = status.context("ffmpeg was ended")?.context("cannot wait for ffmpeg")?;
         ensure!(
             !messages.contains(NOT_LISTED),
             "it is a playlist or another format that is not read: give the video itself"
@@ -244,13 +274,22 @@ impl Ffmpeg {
         ensure!(status.success(), "ffmpeg failed ({status}): {messages}");
         Ok(messages)
     }
+
+    /// The process, if nobody has waited for it.
+    fn take(&self, running: &mut Vec<Child>) -> Option<Child> {
+        let at = running.iter().position(|child| child.id() == self.id)?;
+        Some(running.swap_remove(at))
+    }
 }
 
 impl Drop for Ffmpeg {
     fn drop(&mut self) {
-        // Both fail when the child has ended already: then there is nothing to do.
-        let _ = self.child.kill();
-        let _ = self.child.wait();
+        let mut running = running();
+        if let Some(mut child) = self.take(&mut running) {
+            // Both fail when the child has ended already: then there is nothing to do.
+            let _ = child.kill();
+            let _ = child.wait();
+        }
     }
 }
 

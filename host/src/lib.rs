@@ -6,12 +6,14 @@
 //! - [`clock`]: the time of day as text
 //! - [`notice`]: errors and notices on standard error
 //! - [`mod@file`]: which names stand for one file, and how a whole file is read
+//! - `unfinished`: files that are not finished, and temporary ones
 //! - `content`: what a file holds, by its first bytes and its name
 //! - `ffmpeg`: the child process that decodes and encodes videos
 //! - [`picture`], [`yuv4mpeg`], `pictures`: pixels, and the files and streams that hold them
 //! - `stream`: a video, an address or standard input as frames
 //! - [`input`]: pictures, folders, videos and streams as one sequence of frames
 //! - [`output`]: lines on standard output, and files: whole, or as they were
+//! - `ending`: the end of the program at a signal (with the feature `live`)
 //! - [`canvas`], [`annotate`], [`video`], [`progress`]: what is drawn, written and shown
 //! - [`sensor`]: pixels as a camera's sensor would give them
 //! - [`region`]: the part of a frame that is searched
@@ -45,6 +47,7 @@
 pub mod clock;
 pub mod notice;
 pub mod file;
+mod unfinished;
 mod content;
 mod ffmpeg;
 pub mod picture;
@@ -53,6 +56,8 @@ mod pictures;
 mod stream;
 pub mod input;
 pub mod output;
+#[cfg(feature = "live")]
+pub mod ending;
 pub mod canvas;
 pub mod annotate;
 pub mod video;

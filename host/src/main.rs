@@ -12,7 +12,11 @@ use keygraph::notice::error;
 use keygraph::output::plain_lines;
 
 fn main() -> ExitCode {
-    match cli::run() {
+    let ended = cli::run();
+    // What a thread still writes or reads is given up.
+    #[cfg(feature = "live")]
+    keygraph::ending::tidy();
+    match ended {
         Ok(code) => code,
         // A reader that has seen enough (`| head`) is no failure.
         Err(e) if e.downcast_ref::<io::Error>().is_some_and(|e| e.kind() == io::ErrorKind::BrokenPipe) => {

@@ -7,14 +7,13 @@
 //! new file has the permissions of the one that it replaces, or those of any new file. A link
 //! stays, and the file that it leads to is replaced. A pipe or a device, such as `/dev/stdout`,
 //! is written directly. A program that is killed may leave a file whose name starts with
-//! `.keygraph-` and ends with `.part`. One that ends itself in the middle calls [`remove_drafts`].
+//! `.keygraph-` and ends with `.part`; one that a signal ends does not.
 
 use std::borrow::Cow;
 use std::collections::HashSet;
 use std::fs::{self, File, OpenOptions, Permissions};
 use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use keygraph_core::MAGIC;
@@ -23,6 +22,7 @@ use tempfile::{Builder, NamedTempFile};
 use crate::file::Identity;
 use crate::notice::notice;
 use crate::picture::extension;
+use crate::unfinished;
 
 /// How the names of unfinished files start.
 const DRAFT_START: &str = ".keygraph-";
@@ -261,35 +261,6 @@ impl Place {
     }
 }
 
-/// Names of unfinished files of this program. Some may be finished or gone.
-#[derive(Debug)]
-struct Drafts(Mutex<Vec<PathBuf>>);
-
-/// All unfinished files.
-static DRAFTS: Drafts = Drafts(Mutex::new(Vec::new()));
-
-impl Drafts {
-    /// Adds a name, and forgets those that are gone.
-    fn add(&self, path: &Path) {
-        let mut paths = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        paths.retain(|p| fs::symlink_metadata(p).is_ok());
-        paths.push(path.to_path_buf());
-    }
-
-    fn remove(&self) {
-        for path in self.0.lock().unwrap_or_else(PoisonError::into_inner).drain(..) {
-            // Most are finished: then nothing has this name.
-            let _ = fs::remove_file(path);
-        }
-    }
-}
-
-/// Removes the unfinished files of this program, which is about to end. Whoever still writes
-/// one fails to give it its name. Files that have their name stay.
-pub fn remove_drafts() {
-    DRAFTS.remove();
-}
-
 /// Makes an unfinished file in a folder, with a name that no other file has and that cannot be
 /// guessed. It is removed when dropped.
 ///
@@ -306,7 +277,7 @@ pub fn new_draft(folder: &Path) -> Result<NamedTempFile> {
         let text = error.get_ref().and_then(|e| e.source()).map_or_else(|| error.to_string(), ToString::to_string);
         anyhow!("the folder {} takes no new file: {text}", folder.display())
     })?;
-    DRAFTS.add(draft.path());
+    unfinished::note(&draft);
     Ok(draft)
 }
 
@@ -397,22 +368,6 @@ mod tests {
         assert_eq!((fs::read(&path).expect("there"), names(&folder)), (b"new".into(), vec!["file".to_string()]));
         assert_says(write(&folder.0, b"x"), "is a folder");
         assert_says(write(&folder.0.join("no/file"), b"x"), "no takes no new file");
-    }
-
-    #[test]
-    fn unfinished_files_are_removed_and_finished_ones_stay() {
-        let folder = Folder::new("unfinished");
-        // Those of the program are left to the other tests.
-        let drafts = Drafts(Mutex::new(Vec::new()));
-        let [mut one, two] = [0; 2].map(|_| new_draft(&folder.0).expect("makes"));
-        drafts.add(one.path());
-        one.write_all(b"whole").expect("writes");
-        one.persist(folder.0.join("model")).expect("renames");
-        drafts.add(two.path());
-        assert_eq!(drafts.0.lock().expect("not poisoned").as_slice(), [two.path()], "what is finished is forgotten");
-        drafts.remove();
-        assert_eq!(names(&folder), ["model"]);
-        assert!(two.persist(folder.0.join("other")).is_err());
     }
 
     #[test]

@@ -11,7 +11,6 @@ use std::str::FromStr;
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
-use tempfile::NamedTempFile;
 
 /// Maximum number of pixels of a picture that is read from a file.
 const MOST_PIXELS: u64 = 100_000_000;
@@ -23,6 +22,7 @@ use crate::content::Content;
 pub use crate::content::extension;
 use crate::ffmpeg::{Ffmpeg, picture_arguments};
 use crate::file::read_whole;
+use crate::unfinished::temporary;
 
 /// Pixels in rows from the top, without padding.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -240,12 +240,12 @@ fn open_upright(path: &Path) -> Result<DynamicImage> {
 /// A picture that ffmpeg decodes, as a PNG.
 pub(crate) fn by_ffmpeg(bytes: &[u8]) -> Result<Vec<u8>> {
     // A pipe cannot be read a second time, and ffmpeg must go back and forth in the file.
-    let mut file = NamedTempFile::new().context("cannot be kept in a temporary file")?;
+    let mut file = temporary().context("cannot be kept in a temporary file")?;
     file.write_all(bytes).context("cannot be kept in a temporary file")?;
     let mut png = Vec::new();
     let mut ffmpeg =
         Ffmpeg::start(&picture_arguments(file.path())).context("AVIF and HEIC pictures are read by ffmpeg")?;
-    if let Some(output) = ffmpeg.child.stdout.take() {
+    if let Some(output) = ffmpeg.output.take() {
         output.take(MOST_PIXELS * PIXEL_BYTES).read_to_end(&mut png).context("cannot read what ffmpeg decodes")?;
     }
     let old = "this ffmpeg may not know the format: AVIF needs ffmpeg 5.1, HEIC 7.1; or convert it to PNG or JPEG";

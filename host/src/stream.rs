@@ -22,6 +22,7 @@ use crate::content::{Content, START_BYTES, hide, is_live, is_rtsp, is_stdin, is_
 use crate::ffmpeg::{Ffmpeg, Patient, decoding_arguments, pump};
 use crate::picture::{Picture, by_ffmpeg, decode};
 use crate::pictures::Pictures;
+use crate::unfinished::temporary;
 use crate::yuv4mpeg::{UNKNOWN_FPS, Yuv4MpegReader};
 
 /// Pauses before a camera is called again that broke off: the first and the longest.
@@ -136,7 +137,7 @@ impl Stream {
             Content::Foreign | Content::Other if is_file => self.start_spooled(whole, content),
             Content::Foreign | Content::Other => {
                 let output = self.start_ffmpeg(&self.path.clone())?;
-                let input = self.ffmpeg.as_mut().and_then(|ffmpeg| ffmpeg.child.stdin.take());
+                let input = self.ffmpeg.as_mut().and_then(|ffmpeg| ffmpeg.input.take());
                 pump(whole, input.context("ffmpeg has no input")?);
                 self.start_planes(Box::new(output)).context("it is neither a picture nor a video that is known")
             }
@@ -145,7 +146,7 @@ impl Stream {
 
     /// Writes what can be read from a file alone into a temporary one, and starts to read that.
     fn start_spooled(&mut self, mut whole: impl Read, content: Content) -> Result<()> {
-        let mut file = NamedTempFile::new().context("cannot be kept in a temporary file")?;
+        let mut file = temporary().context("cannot be kept in a temporary file")?;
         io::copy(&mut whole, &mut file).context("cannot be kept in a temporary file")?;
         if content == Content::Foreign {
             let png = by_ffmpeg(&fs::read(file.path())?)?;
@@ -160,7 +161,7 @@ impl Stream {
     /// Starts ffmpeg, and returns its output.
     fn start_ffmpeg(&mut self, path: &Path) -> Result<ChildStdout> {
         let mut ffmpeg = Ffmpeg::start(&decoding_arguments(path))?;
-        let output = ffmpeg.child.stdout.take().context("ffmpeg has no output");
+        let output = ffmpeg.output.take().context("ffmpeg has no output");
         self.ffmpeg = Some(ffmpeg);
         output
     }

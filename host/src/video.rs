@@ -68,7 +68,7 @@ impl VideoWriter {
         arguments.push(file_argument(draft.path()));
 
         let mut ffmpeg = Ffmpeg::start(&arguments)?;
-        Ok(Self { name, width, height, pipe: ffmpeg.child.stdin.take(), ffmpeg: Some(ffmpeg), draft })
+        Ok(Self { name, width, height, pipe: ffmpeg.input.take(), ffmpeg: Some(ffmpeg), draft })
     }
 
     /// Adds a frame.

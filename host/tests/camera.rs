@@ -8,6 +8,7 @@ mod camera_live;
 mod program;
 
 use std::io::{BufRead, BufReader, Read, Write};
+use std::os::unix::fs::PermissionsExt;
 use std::time::Duration;
 
 use camera_live::{Live, outline, truth};
@@ -144,6 +145,49 @@ fn standard_input_is_replayed_to_its_end() {
     assert_eq!((&last["frame"], lines.len() as u64 + last["dropped"].as_u64().unwrap()), (&2.into(), 3), "{}", run.out);
     assert!(lines.iter().all(|l| l["detections"][0]["object"] == "astronaut" && l["source"] == "-"), "{}", run.out);
     program::run_in(&folder.0, &arguments, b"").refused_with(&["standard input", "is empty"]);
+}
+
+#[test]
+fn options_from_a_file() {
+    let folder = Folder::new("options");
+    model(&folder, "astronaut");
+    let text = format!("model = \"astronaut.kgm\"\nreplay = {:?}\njson = true\nfps = 20\nframes = 1\n", sequence());
+    let file = folder.file("k.toml", text.as_bytes()).to_str().unwrap().to_string();
+    let camera = ["camera", "--config", &file];
+    let run = keygraph(&camera).ended_with(0);
+    assert_eq!((run.lines().len(), run.lines()[0]["source"].as_str()), (1, Some(sequence().as_str())), "{}", run.err);
+    assert_eq!(keygraph(&[&camera[..], &["--frames", "2"]].concat()).ended_with(0).lines().len(), 2);
+    folder.file("k.toml", b"json = true\nthresold = 0.5\n");
+    keygraph(&camera)
+        .ended_with(2)
+        .said(&["k.toml, line 2: there is no option \"thresold\"; did you mean \"threshold\"?"]);
+    keygraph(&["camera", "--config", "/no/such.toml"]).refused_with(&["cannot read the options in /no/such.toml"]);
+
+    // A token in the file is not in the list of processes.
+    let secret = "a-token-of-the-file";
+    let text = format!("replay = {:?}\nweb = \"127.0.0.1:0\"\ntoken = {secret:?}\n", sequence());
+    let open = std::fs::Permissions::from_mode(0o644);
+    std::fs::set_permissions(folder.file("k.toml", text.as_bytes()), open).unwrap();
+    let mut live = Live::start(&["--config", &file]);
+    live.wait_for("k.toml, line 3: everybody may read token");
+    let line = live.wait_for("the page is at http://");
+    live.place = line.split("http://").nth(1).unwrap().split('/').next().unwrap().to_string();
+    assert_eq!(live.get("/status").status, 401);
+    live.token = Some(secret.to_string());
+    assert_eq!(live.get("/status").status, 200);
+    let processes = std::fs::read(format!("/proc/{}/cmdline", live.id())).unwrap();
+    assert!(!String::from_utf8_lossy(&processes).contains(secret));
+}
+
+#[test]
+fn every_request_is_documented() {
+    let text = std::fs::read_to_string(assets().join("../docs/camera.md")).unwrap();
+    let routes = include_str!("../src/camera/web.rs").split(".route(\"").skip(1);
+    let routes: Vec<_> = routes.map(|rest| rest.split('"').next().unwrap().replace("{id}", "ID")).collect();
+    assert!(routes.len() > 8, "{routes:?}");
+    for route in routes {
+        assert!(text.contains(&format!(" {route}`")) || text.contains(&format!(" {route}?")), "{route}");
+    }
 }
 
 #[test]

@@ -103,7 +103,8 @@ pub struct Arguments {
     /// Model with the objects to find, or a folder of models; several are searched at once
     #[arg(short, long = "model", value_name = "MODEL.kgm|DIR")]
     pub models: Vec<PathBuf>,
-    /// Folder of more models to find; models learned or loaded on the page are kept there
+    /// Folder of more models to find, also of those that come, change and go while the program runs; models
+    /// learned or loaded on the page are kept there
     #[arg(long = "models", value_name = "DIR")]
     pub folder: Option<PathBuf>,
     /// Size that frames are searched at; larger ones are scaled down

@@ -23,10 +23,12 @@
 //! - [`tally`]: numbers for those who watch the program
 //! - [`replay`]: a file in place of a camera
 //! - [`shelf`]: a folder that keeps models when the program ends
+//! - [`entry`]: one model as it was given
 //! - [`models`]: the models in use
 //! - [`tracker`]: the states of objects
 //! - [`shot`]: a searched frame in the form that viewers get
 //! - [`live`]: the search of the newest frame
+//! - [`folder`]: changes of the files on the shelf
 //! - `device`: cameras through V4L2 (with the feature `camera`, on Linux)
 //! - [`lesson`]: training on an object in a frame
 //! - [`attempts`]: attempts to guess the token
@@ -51,11 +53,13 @@ pub mod lines;
 pub mod tally;
 pub mod replay;
 pub mod shelf;
+pub mod entry;
 pub mod models;
 pub mod tracker;
 pub mod shot;
 pub mod space;
 pub mod live;
+pub mod folder;
 #[cfg(all(feature = "camera", target_os = "linux"))]
 pub mod device;
 pub mod lesson;

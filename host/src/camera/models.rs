@@ -1,6 +1,6 @@
 //! The models in use, which may change while frames are searched.
 //!
-//! In: model files, and models that were just learned. Out: one merged model that finds all
+//! In: model files, models that were just learned, and changes of the files on the [`Shelf`]. Out: one merged model that finds all
 //! objects, in an [`Arc`] that the searching thread keeps until the models change. With a
 //! [`Shelf`], models are also kept as files for the next start.
 //!
@@ -14,8 +14,6 @@
 //! waits for a training. Cost: a merge a change, and one at the start.
 
 use std::fs::{self, File};
-use std::io;
-use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -26,8 +24,9 @@ use anyhow::{Context, Result, ensure};
 use keygraph_core::{Model, packed_len};
 use serde_json::{Value, json};
 
-use super::shelf::Shelf;
-use crate::file::{open_regular, read_regular, read_whole};
+use super::entry::{Entry, name_for, objects_of};
+use super::shelf::{Shelf, Stamp};
+use crate::file::{open_regular, read_whole};
 use crate::learn::merge;
 use crate::output::{check_name, plain};
 
@@ -38,85 +37,6 @@ const LITTLE: usize = 16 << 20;
 /// Maximum time for which a merge waits until the search has given the merged model back.
 const RETURN: Duration = Duration::from_secs(5);
 
-/// One model as it was given.
-#[derive(Clone, Debug)]
-pub struct Entry {
-    /// The id of the model for as long as the program runs.
-    pub id: u64,
-    /// The name for people: that of the file, or of the object.
-    pub name: String,
-    /// The size of the model in bytes.
-    pub length: usize,
-    /// The file on the shelf; it is removed with the model.
-    pub file: Option<PathBuf>,
-    /// The SHA-256 of a model that was ordered, 64 hexadecimal digits. Such a model is exchanged, and not
-    /// removed.
-    pub sha256: Option<String>,
-    /// The objects of the model, for the page.
-    objects: Value,
-    place: Place,
-}
-
-/// Where the bytes of a model are.
-#[derive(Clone, Debug)]
-enum Place {
-    Memory(Arc<Vec<u8>>),
-    File(Arc<File>),
-}
-
-impl Entry {
-    /// A model with these objects and `bytes`, which are those of the file `opened`, if there is one: then they
-    /// do not stay in memory.
-    fn new(name: &str, objects: Value, bytes: Vec<u8>, file: Option<PathBuf>, opened: Option<File>) -> Self {
-        let length = bytes.len();
-        // Nobody has exchanged it since it was read.
-        let opened = opened.filter(|file| file.metadata().is_ok_and(|m| m.len() == length as u64));
-        let place = opened.map_or_else(|| Place::Memory(Arc::new(bytes)), |file| Place::File(Arc::new(file)));
-        Self { id: 0, name: name.to_string(), length, file, sha256: None, objects, place }
-    }
-
-    /// An ordered model, for [`Models::exchange`]: `bytes` with this `sha256`, which are those of the file
-    /// `opened`, if there is one.
-    ///
-    /// # Errors
-    /// When the model is damaged.
-    pub fn ordered(name: &str, sha256: &str, bytes: Vec<u8>, opened: Option<File>) -> Result<Self> {
-        let objects = objects_of(&Model::parse(&bytes)?);
-        Ok(Self { sha256: Some(sha256.to_string()), ..Self::new(name, objects, bytes, None, opened) })
-    }
-
-    /// The bytes of the model.
-    ///
-    /// # Errors
-    /// When its file cannot be read.
-    pub fn read(&self) -> io::Result<Vec<u8>> {
-        let mut bytes = vec![0; self.length];
-        self.read_into(0, &mut bytes)?;
-        Ok(bytes)
-    }
-
-    /// Reads the bytes from `start` on, until `out` is full.
-    ///
-    /// # Errors
-    /// When the file cannot be read, or there are not so many bytes.
-    pub fn read_into(&self, start: usize, out: &mut [u8]) -> io::Result<()> {
-        match &self.place {
-            Place::Memory(bytes) => {
-                let part = start.checked_add(out.len()).and_then(|end| bytes.get(start..end));
-                out.copy_from_slice(part.ok_or(io::ErrorKind::UnexpectedEof)?);
-                Ok(())
-            }
-            Place::File(file) => file.read_exact_at(out, start as u64),
-        }
-    }
-
-    /// The name of the model's file on the shelf.
-    #[must_use]
-    pub fn file_name(&self) -> Option<String> {
-        Some(self.file.as_ref()?.file_name()?.to_string_lossy().into_owned())
-    }
-}
-
 /// All models merged into one, for the search.
 #[derive(Clone, Debug)]
 pub struct Merged {
@@ -124,6 +44,17 @@ pub struct Merged {
     pub generation: u64,
     /// The merged model; `None` when there are no models.
     pub bytes: Option<Arc<Vec<u8>>>,
+}
+
+/// A change of a file on the shelf that somebody else made.
+#[derive(Clone, Debug)]
+pub enum Change {
+    /// A model that is new. It gets an id if it has none.
+    New(Entry),
+    /// The model with this id is exchanged for another one.
+    Exchanged(u64, Entry),
+    /// The model with this id is gone.
+    Gone(u64),
 }
 
 /// The models in use.
@@ -136,11 +67,14 @@ pub struct Models {
     merging: Mutex<()>,
     /// Tells that there is a merged model again.
     ready: Condvar,
-    shelf: Option<Shelf>,
+    /// The folder of models.
+    pub shelf: Option<Shelf>,
+    /// Files on the shelf that were left out at the start, and what they were like.
+    pub left_out: Vec<(PathBuf, Option<Stamp>)>,
     generation: AtomicU64,
 }
 
-#[derive(Debug)]
+#[derive(Debug, Default)]
 struct Content {
     next_id: u64,
     entries: Vec<Entry>,
@@ -149,6 +83,8 @@ struct Content {
     /// The value of `changes` at the last merge.
     merged_changes: u64,
     merged: Option<Arc<Vec<u8>>>,
+    /// The ids of models that could not be read for the last merge.
+    lacking: Vec<u64>,
     /// Whether the merged model was given up for the next one.
     given_up: bool,
 }
@@ -161,46 +97,42 @@ impl Models {
     /// a file of the shelf is no error: it is left out and logged, so that the others are
     /// still found.
     pub fn load(paths: &[PathBuf], shelf: Option<Shelf>) -> Result<Self> {
-        let content =
-            Content { next_id: 1, entries: Vec::new(), changes: 0, merged_changes: 0, merged: None, given_up: false };
-        let kept = shelf.as_ref().map(Shelf::files).transpose()?.unwrap_or_default();
-        let models = Self {
-            content: Mutex::new(content),
+        let kept = shelf.as_ref().map(Shelf::stamps).transpose()?.unwrap_or_default();
+        let mut models = Self {
+            content: Mutex::new(Content { next_id: 1, ..Content::default() }),
             writing: Mutex::new(()),
             merging: Mutex::new(()),
             ready: Condvar::new(),
             shelf,
+            left_out: Vec::new(),
             generation: AtomicU64::new(0),
         };
         for path in paths {
-            models.read(path, None)?;
+            models.read(path)?;
         }
-        for path in kept {
-            if let Err(error) = models.read(&path, Some(path.clone())) {
+        for (path, stamp) in kept {
+            let known = Entry::on_shelf(&path)
+                .and_then(|entry| models.prepare(&[Change::New(entry)]).with_context(|| path.display().to_string()));
+            if let Err(error) = known {
                 tracing::error!("left out: {}", plain(&format!("{error:#}")));
+                models.left_out.push((path, stamp));
             }
         }
         while let Err(error) = models.merge_changes() {
             // They are too many for one model. Those of the shelf come last.
-            let mut content = models.lock();
-            let Some(last) = content.entries.pop_if(|e| e.file.is_some()) else { return Err(error) };
+            let Some(last) = models.lock().entries.pop_if(|e| e.file.is_some()) else { return Err(error) };
             tracing::error!("left out: {}: {error:#}", last.name);
+            models.left_out.extend(last.file.map(|path| (path, last.stamp)));
         }
         Ok(models)
     }
 
-    fn read(&self, path: &Path, file: Option<PathBuf>) -> Result<()> {
-        // On the shelf, others may have put something that is no file.
-        let bytes = if file.is_some() { read_regular(path) } else { read_whole(path) };
-        let bytes = bytes.with_context(|| format!("cannot read the model {}", path.display()))?;
-        let name = path.file_stem().map_or_else(String::new, |s| plain(&s.to_string_lossy()).into_owned());
-        let opened = match &file {
-            Some(_) => open_regular(path).ok(),
-            // A pipe is read once, above.
-            None => fs::metadata(path).ok().filter(fs::Metadata::is_file).and_then(|_| File::open(path).ok()),
-        };
-        self.insert(&name, bytes, |_| Ok((file, opened))).with_context(|| path.display().to_string())?;
-        Ok(())
+    fn read(&self, path: &Path) -> Result<()> {
+        let bytes = read_whole(path).with_context(|| format!("cannot read the model {}", path.display()))?;
+        // A pipe is read once, above.
+        let opened = fs::metadata(path).ok().filter(fs::Metadata::is_file).and_then(|_| File::open(path).ok());
+        let inserted = self.insert(&name_for(path), bytes, |_| Ok((None, opened)));
+        inserted.map(|_| ()).with_context(|| path.display().to_string())
     }
 
     fn lock(&self) -> MutexGuard<'_, Content> {
@@ -240,15 +172,9 @@ impl Models {
         let model = Model::parse(&bytes)?;
         let objects = objects_of(&model);
         let _writing = self.writing.lock().unwrap_or_else(PoisonError::into_inner);
-        let (count, last) = {
-            let content = self.lock();
-            (content.entries.len(), content.entries.last().cloned())
-        };
-        ensure!(count < MOST, "{MOST} models are in use: remove one first");
-        // What goes with the one before goes with all: the others were checked likewise.
-        if let Some(last) = last.and_then(|last| last.read().ok()) {
-            packed_len(&[Model::parse(&last)?, model]).context("the models do not go together")?;
-        }
+        check_room(self.count())?;
+        let last = self.lock().entries.last().cloned();
+        last.map_or(Ok(()), |last| check_together(&last, model))?;
         let (file, opened) = keep(&bytes)?;
         let mut entry = Entry::new(name, objects, bytes, file, opened);
         let mut content = self.lock();
@@ -299,6 +225,79 @@ impl Models {
         Ok(before)
     }
 
+    /// Takes over changes of files on the shelf, in one merge.
+    ///
+    /// # Errors
+    /// When there are too many models, or they do not go together. Then nothing is changed.
+    pub fn change(&self, changes: &[Change]) -> Result<()> {
+        let back = self.prepare(changes)?;
+        if let Err(error) = self.merge_changes() {
+            self.alter(&back)?;
+            // The search may have nothing until this is done.
+            self.merge_changes()?;
+            return Err(error);
+        }
+        Ok(())
+    }
+
+    /// Makes changes whose models go with each other and with those that stay. They are not merged yet. Returns the
+    /// changes that undo them.
+    fn prepare(&self, changes: &[Change]) -> Result<Vec<Change>> {
+        let stays = |entry: &&Entry| {
+            !changes.iter().any(|c| matches!(c, Change::Exchanged(id, _) | Change::Gone(id) if *id == entry.id))
+        };
+        let new = |change: &Change| match change {
+            Change::New(entry) | Change::Exchanged(_, entry) => Some(entry.clone()),
+            Change::Gone(_) => None,
+        };
+        let mut new: Vec<_> = changes.iter().filter_map(new).collect();
+        let other = self.lock().entries.iter().rfind(stays).cloned();
+        if let Some(other) = other.or_else(|| new.pop()) {
+            new.iter().try_for_each(|entry| check_together(&other, Model::parse(&entry.read()?)?))?;
+        }
+        self.alter(changes)
+    }
+
+    /// Makes changes, which are not merged yet. Returns the changes that undo them.
+    fn alter(&self, changes: &[Change]) -> Result<Vec<Change>> {
+        let _writing = self.writing.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut content = self.lock();
+        let (mut entries, mut next_id, mut back, mut others) = (content.entries.clone(), content.next_id, vec![], 0);
+        for change in changes {
+            let at = |id: u64| entries.iter().position(|entry| entry.id == id);
+            match change {
+                // This program may have written the file meanwhile, or have removed the model.
+                Change::New(entry) if entries.iter().any(|e| e.file == entry.file) => {}
+                Change::New(entry) => {
+                    check_room(entries.len())?;
+                    let id = if entry.id == 0 { next_id } else { entry.id };
+                    next_id = next_id.max(id + 1);
+                    entries.push(entry.with_id(id));
+                    back.push(Change::Gone(id));
+                    others += 1;
+                }
+                Change::Exchanged(id, entry) => {
+                    if let Some(at) = at(*id) {
+                        let before = std::mem::replace(&mut entries[at], entry.with_id(*id));
+                        others += u64::from(!before.is_like(entry) || content.lacking.contains(id));
+                        back.push(Change::Exchanged(*id, before));
+                    }
+                }
+                Change::Gone(id) => {
+                    if let Some(at) = at(*id) {
+                        back.push(Change::New(entries.remove(at)));
+                        others += 1;
+                    }
+                }
+            }
+        }
+        content.entries = entries;
+        content.next_id = next_id;
+        content.changes += others;
+        back.reverse();
+        Ok(back)
+    }
+
     /// The model in use that was ordered by this SHA-256.
     pub fn ordered(&self, sha256: &str) -> Option<Entry> {
         self.lock().entries.iter().find(|entry| entry.sha256.as_deref() == Some(sha256)).cloned()
@@ -317,12 +316,14 @@ impl Models {
         if size(&entries) > LITTLE {
             self.give_up();
         }
-        let merged = merge_all(&entries);
+        let mut lacking = Vec::new();
+        let merged = merge_all(&entries, &mut lacking);
         let mut content = self.lock();
         // The search goes on also when there is no merged model.
         content.given_up = false;
         self.ready.notify_all();
         content.merged = merged?;
+        content.lacking = lacking;
         content.merged_changes = changes;
         self.generation.fetch_add(1, Ordering::Release);
         Ok(())
@@ -380,6 +381,17 @@ impl Models {
         self.lock().entries.iter().find(|e| e.id == id).cloned()
     }
 
+    /// All models. Waits for a file that this program is writing or removing.
+    pub fn entries(&self) -> Vec<Entry> {
+        let _writing = self.writing.lock().unwrap_or_else(PoisonError::into_inner);
+        self.lock().entries.clone()
+    }
+
+    /// The number of changes of the models so far.
+    pub fn changes(&self) -> u64 {
+        self.lock().changes
+    }
+
     /// The number of models.
     pub fn count(&self) -> usize {
         self.lock().entries.len()
@@ -417,20 +429,35 @@ impl Models {
     }
 }
 
-/// The objects of a model, for the page.
-fn objects_of(model: &Model<'_>) -> Value {
-    let objects = (0..model.objects()).map(|i| model.object(i));
-    objects.map(|o| json!({"name": o.name, "width": o.width, "height": o.height})).collect()
-}
-
 /// The size of all models together in bytes.
 fn size(entries: &[Entry]) -> usize {
     entries.iter().map(|e| e.length).sum()
 }
 
-/// Merges models. One that cannot be read any more is left out and logged.
-fn merge_all(entries: &[Entry]) -> Result<Option<Arc<Vec<u8>>>> {
-    if let [Entry { place: Place::Memory(bytes), .. }] = entries {
+/// Checks that there may be one more than `count` models.
+///
+/// # Errors
+/// When there are [`MOST`].
+pub fn check_room(count: usize) -> Result<()> {
+    ensure!(count < MOST, "{MOST} models are in use: remove one first");
+    Ok(())
+}
+
+/// Checks a model beside one in use: what goes with one goes with all, which were checked likewise.
+fn check_together(entry: &Entry, model: Model<'_>) -> Result<()> {
+    if let Ok(bytes) = entry.read()
+        && let Ok(other) = Model::parse(&bytes)
+    {
+        packed_len(&[other, model]).context("the models do not go together")?;
+    }
+    Ok(())
+}
+
+/// Merges models. One that cannot be read any more is left out and logged. The ids of these go to `lacking`.
+fn merge_all(entries: &[Entry], lacking: &mut Vec<u64>) -> Result<Option<Arc<Vec<u8>>>> {
+    if let [entry] = entries
+        && let Some(bytes) = entry.in_memory()
+    {
         return Ok(Some(Arc::clone(bytes)));
     }
     // One piece of memory goes back to the system when it is freed; many small ones may not.
@@ -442,7 +469,10 @@ fn merge_all(entries: &[Entry]) -> Result<Option<Arc<Vec<u8>>>> {
         let read = entry.read_into(0, own).map_err(anyhow::Error::from);
         match read.and_then(|()| Ok(Model::parse(own).map(|_| ())?)) {
             Ok(()) => all.push(&*own),
-            Err(error) => tracing::error!("left out: {} cannot be read any more: {error:#}", entry.name),
+            Err(error) => {
+                tracing::error!("left out: {} cannot be read any more: {error:#}", entry.name);
+                lacking.push(entry.id);
+            }
         }
     }
     Ok(match all.as_slice() {
@@ -511,7 +541,7 @@ mod tests {
         let paths: Vec<_> = (0..3).map(|i| folder.0.join(format!("{i}.kgm"))).collect();
         paths.iter().for_each(|path| fs::write(path, &model).expect("writes"));
         let models = Models::load(&paths, None).expect("loads");
-        assert!(models.lock().entries.iter().all(|e| matches!(e.place, Place::File(_))));
+        assert!(models.lock().entries.iter().all(|e| e.in_memory().is_none()));
         paths[1..].iter().for_each(|path| fs::remove_file(path).expect("removes"));
         // One file is no model any more.
         fs::write(&paths[0], vec![0; model.len()]).expect("writes");

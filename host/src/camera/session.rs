@@ -1,4 +1,4 @@
-//! The threads beside the search: the source of frames, the page and the broker, signals.
+//! The threads beside the search: the source of frames; the page, the broker and the folder of models; signals.
 //!
 //! In: the source of frames, and what to serve. Out: frames in [`Live`], until the
 //! source ends, a signal arrives, or the session is ended. No thread waits for the search.
@@ -16,6 +16,7 @@ use tokio::sync::watch;
 use super::arguments::Origin;
 #[cfg(all(feature = "camera", target_os = "linux"))]
 use super::device;
+use super::folder;
 use super::guard::{self, Guard};
 use super::live::{Live, paint};
 use super::mqtt::fleet::Fleet;
@@ -158,7 +159,7 @@ fn capture(_: &Origin, _: &Live) -> Result<()> {
     anyhow::bail!(NO_CAMERA)
 }
 
-/// Starts the thread that serves the page and talks to the broker.
+/// Starts the thread that serves the page, talks to the broker, and looks at the folder of models.
 fn serve(
     page: Option<Page>,
     live: &Arc<Live>,
@@ -171,6 +172,10 @@ fn serve(
     let served = async move {
         let publishing = outlet
             .map(|(outlet, fleet)| tokio::spawn(mqtt::publish(outlet, fleet, Arc::clone(&live), stopped.clone())));
+        if live.models.shelf.is_some() {
+            // It ends with the runtime.
+            tokio::spawn(folder::follow(Arc::clone(&live), stopped.clone()));
+        }
         if let Some((listener, guard, school)) = page
             && let Err(error) = web::serve(listener, guard, school, live, stopped.clone()).await
         {

@@ -1,24 +1,47 @@
 //! A folder that keeps models when the program ends.
 //!
-//! In: models with names. Out: one file a model. A file is complete or does not exist, even
+//! In: models with names. Out: one file a model, and what others have put there. A file is complete or does not exist, even
 //! after a crash: it is written under another name, flushed to the disk, and renamed to a name
 //! that is free. So several programs can use one folder. What a program that was killed left
 //! unfinished is removed an hour later, at the next start.
 //! Memory: none. Cost: some ms a model on the disk.
 
-use std::fs;
-use std::io::{ErrorKind, Write};
+use std::collections::BTreeMap;
+use std::fs::{self, File, Metadata};
+use std::io::{self, ErrorKind, Read, Write};
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
 use anyhow::{Context, Result, ensure};
+use keygraph_core::MAGIC;
 
+use crate::file::open_regular;
 use crate::output::{file_stem, flush_folder, is_draft, new_draft};
 
 /// Maximum number of files of one name.
 const MOST: u32 = 1000;
 /// Age of an unfinished file that no program can still be writing: it takes some ms.
 const ABANDONED: Duration = Duration::from_secs(3600);
+
+/// What tells one content of a file from another, without reading it. Every change of a file changes it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Stamp {
+    /// Device and number of the file.
+    file: [u64; 2],
+    bytes: u64,
+    /// Seconds and nanoseconds of the last change of the content, and of anything.
+    times: [i64; 4],
+}
+
+impl Stamp {
+    /// The stamp of a file.
+    #[must_use]
+    pub fn of(file: &Metadata) -> Self {
+        let times = [file.mtime(), file.mtime_nsec(), file.ctime(), file.ctime_nsec()];
+        Self { file: [file.dev(), file.ino()], bytes: file.size(), times }
+    }
+}
 
 /// The folder of the models.
 #[derive(Clone, Debug)]
@@ -68,6 +91,45 @@ impl Shelf {
         Ok(files)
     }
 
+    /// The files of all models in the folder with their stamps. A file of which the system does not tell has none.
+    ///
+    /// # Errors
+    /// When the folder cannot be read.
+    pub fn stamps(&self) -> Result<BTreeMap<PathBuf, Option<Stamp>>> {
+        let mut stamps = BTreeMap::new();
+        for path in self.files()? {
+            match fs::symlink_metadata(&path) {
+                Err(error) if error.kind() == ErrorKind::NotFound => {}
+                told => _ = stamps.insert(path, told.ok().map(|file| Stamp::of(&file))),
+            }
+        }
+        Ok(stamps)
+    }
+
+    /// Reads a file that somebody else may be writing. Of a file that does not begin as models do, only the beginning
+    /// is read.
+    ///
+    /// # Errors
+    /// When it is no regular file, cannot be read, or changes meanwhile.
+    pub fn read(path: &Path) -> Result<(Vec<u8>, File, Stamp)> {
+        let mut bytes = Vec::new();
+        let mut read = || -> io::Result<(File, Stamp)> {
+            let mut file = open_regular(path)?;
+            let stamp = Stamp::of(&file.metadata()?);
+            // Another file may be too large for the memory.
+            (&file).take(MAGIC.len() as u64).read_to_end(&mut bytes)?;
+            if bytes == MAGIC {
+                file.read_to_end(&mut bytes)?;
+            }
+            if Stamp::of(&file.metadata()?) != stamp {
+                return Err(io::Error::other("it was changed while it was read"));
+            }
+            Ok((file, stamp))
+        };
+        let (file, stamp) = read().with_context(|| format!("cannot read the model {}", path.display()))?;
+        Ok((bytes, file, stamp))
+    }
+
     /// Writes a model under its name, with a number added when the name is taken. Returns its
     /// file.
     ///
@@ -105,7 +167,7 @@ impl Shelf {
     pub fn discard(&self, file: &Path) -> Result<()> {
         ensure!(file.parent() == Some(&self.0), "{} is not in {}", file.display(), self.0.display());
         match fs::remove_file(file) {
-            Err(e) if e.kind() != std::io::ErrorKind::NotFound => {
+            Err(e) if e.kind() != ErrorKind::NotFound => {
                 Err(e).with_context(|| format!("cannot remove {}: see who may write there", file.display()))
             }
             _ => Ok(()),
@@ -116,7 +178,6 @@ impl Shelf {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::fs::File;
     use std::os::unix::fs::symlink;
     use std::thread;
 

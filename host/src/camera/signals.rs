@@ -9,7 +9,6 @@
 
 use std::io;
 use std::sync::Arc;
-use std::sync::mpsc::channel;
 use std::thread;
 use std::time::Duration;
 
@@ -17,7 +16,7 @@ use tokio::runtime::{Builder, Runtime};
 use tokio::signal::unix::{Signal, SignalKind, signal};
 
 use super::live::Live;
-use crate::output::remove_drafts;
+use crate::ending::{tidy, within};
 
 /// Time that the program has to end by itself. After it, what still runs is given up: a search, a
 /// training, a line that nobody reads. With three times [`PATIENCE`], some 0.4 s are left of two for
@@ -59,26 +58,12 @@ impl Signals {
 fn end_on_signal(runtime: &Runtime, mut signals: Signals, live: Arc<Live>, overdue: i32) {
     runtime.block_on(signals.next());
     // Before the source is closed: after that, the program may end at any time.
-    within_patience("ending", || tracing::info!("ending"));
+    within(PATIENCE, "ending", || tracing::info!("ending"));
     let frames = Arc::clone(&live);
-    if !within_patience("closing", move || frames.frames.close()) {
+    if !within(PATIENCE, "closing", move || frames.frames.close()) {
         live.frames.close();
     }
     let again = runtime.block_on(async { tokio::time::timeout(LONGEST_END, signals.next()).await.is_ok() });
-    within_patience("tidying", remove_drafts);
+    within(PATIENCE, "tidying", tidy);
     std::process::exit(if again { INTERRUPTED } else { overdue });
-}
-
-/// Works in a thread of its own, and waits for it for [`PATIENCE`]. Returns false when the system
-/// gives no thread: then nothing was done.
-fn within_patience(name: &str, work: impl FnOnce() + Send + 'static) -> bool {
-    let (done, end) = channel::<()>();
-    let thread = thread::Builder::new().name(name.into()).spawn(move || {
-        let _done = done;
-        work();
-    });
-    if thread.is_ok() {
-        let _ = end.recv_timeout(PATIENCE);
-    }
-    thread.is_ok()
 }

@@ -3,11 +3,15 @@
 //! - `model_files`: models as files, read and parsed
 //! - `compare`: objects that look alike
 //! - `values`: values of arguments that several commands take
+//! - `config`: options from a file
 //! - `train`, `pack`, `inspect`, `assess`, `detect`, `find`, `explain`, `bench`, `calibrate`, `camera`, `order`, `extras`, `demo`: the commands
 
 mod compare;
 mod model_files;
 mod values;
+
+#[cfg(feature = "live")]
+mod config;
 
 mod assess;
 mod bench;
@@ -32,6 +36,8 @@ use std::ffi::OsString;
 use std::fmt::Display;
 use std::process::ExitCode;
 
+#[cfg(feature = "live")]
+use anyhow::Context;
 use anyhow::Result;
 use clap::error::ErrorKind;
 use clap::{ColorChoice, CommandFactory, Parser, Subcommand};
@@ -106,19 +112,38 @@ enum Command {
     Demo(demo::Arguments),
 }
 
+#[cfg(feature = "live")]
+impl Command {
+    /// Whether the command has an end of its own at a signal.
+    fn is_live(&self) -> bool {
+        match self {
+            Self::Camera(_) => true,
+            Self::Train(arguments) => arguments.is_from_camera(),
+            _ => false,
+        }
+    }
+}
+
 /// Reads the command line and runs the command.
 ///
 /// # Errors
-/// When the command fails. A wrong command line ends the program with status 2.
+/// When the command fails, a file of options cannot be read, or signals cannot be waited for. A wrong command line ends the program with status 2.
 pub fn run() -> Result<ExitCode> {
     // A wrong command line is told in colours or without, too.
     if let Some(when) = wanted_colours(env::args_os()) {
         set_colours(when);
     }
+    #[cfg(feature = "live")]
+    let cli = config::parse()?;
+    #[cfg(not(feature = "live"))]
     let cli = Cli::parse();
     set_colours(cli.color);
     if cli.quiet {
         keep_quiet();
+    }
+    #[cfg(feature = "live")]
+    if !cli.command.is_live() {
+        keygraph::ending::end_at_signals().context("signals cannot be waited for")?;
     }
     match cli.command {
         Command::Train(arguments) => train::run(&arguments)?,

@@ -65,6 +65,12 @@ pub struct Arguments {
 }
 
 impl Arguments {
+    /// Whether the picture is taken from a camera.
+    #[cfg(feature = "live")]
+    pub fn is_from_camera(&self) -> bool {
+        self.lesson.from_camera
+    }
+
     fn plan(&self) -> Plan {
         Plan { preset: self.preset, bytes: self.bytes.unwrap_or(self.preset.bytes()), luma: self.luma, mirror: false }
     }

@@ -8,6 +8,7 @@
 //! - `commands`: the page with the help of every command
 //! - `usage`: wrong command lines, and models that cannot be read
 //! - `train`, `pack`, `detect`, `find`, `explain`, `inputs`, `annotate`, `assess`, `video`, `demo`: by command and by input
+//! - `ending`: commands that a signal ends
 //! - `region`: parts of frames, and frames that are mirrored
 //! - `writing`: files that are written, and faults while they are
 #![allow(clippy::unwrap_used, clippy::panic, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
@@ -32,6 +33,7 @@ mod assess;
 mod commands;
 mod demo;
 mod detect;
+mod ending;
 mod explain;
 mod find;
 mod inputs;

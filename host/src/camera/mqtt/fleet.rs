@@ -14,7 +14,8 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use anyhow::{Context, Result, ensure};
 
-use super::super::models::{Entry, Models};
+use super::super::entry::Entry;
+use super::super::models::Models;
 use super::fetch::Fetcher;
 use super::order::{Order, Part, sha256};
 use crate::file::read_regular;
