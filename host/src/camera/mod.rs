@@ -18,6 +18,7 @@
 //! - [`arguments`]: arguments of the commands
 //! - [`slot`]: the newest item of a thread, for another
 //! - [`damage`]: damaged frames
+//! - [`pace`]: at most so many items a second
 //! - [`repeated`]: messages that come again and again
 //! - [`lines`]: JSON lines on standard output
 //! - [`tally`]: numbers for those who watch the program
@@ -25,6 +26,7 @@
 //! - [`shelf`]: a folder that keeps models when the program ends
 //! - [`models`]: the models in use
 //! - [`tracker`]: the states of objects
+//! - [`sightings`]: when each object was seen last
 //! - [`shot`]: a searched frame in the form that viewers get
 //! - [`live`]: the search of the newest frame
 //! - `device`: cameras through V4L2 (with the feature `camera`, on Linux)
@@ -32,13 +34,14 @@
 //! - [`attempts`]: attempts to guess the token
 //! - [`intake`]: bodies of requests, and those who wait to train
 //! - [`server`]: connections to the page
+//! - [`feed`]: pictures for other programs
 //! - [`web`]: the page
 //! - [`mqtt`]: messages to a broker
 //! - [`signals`]: the end of the program at a signal
 //! - [`session`]: the threads beside the search
 //!
 //! Memory: a few frames; it does not grow. Cost: a search a frame, and one encoded JPEG a
-//! frame while a viewer looks.
+//! frame while a viewer looks; another one while somebody wants outlines in it.
 
 pub mod mode;
 pub mod mjpeg;
@@ -46,6 +49,7 @@ pub mod guard;
 pub mod arguments;
 pub mod slot;
 pub mod damage;
+pub mod pace;
 pub mod repeated;
 pub mod lines;
 pub mod tally;
@@ -53,6 +57,7 @@ pub mod replay;
 pub mod shelf;
 pub mod models;
 pub mod tracker;
+pub mod sightings;
 pub mod shot;
 pub mod space;
 pub mod live;
@@ -62,6 +67,7 @@ pub mod lesson;
 pub mod attempts;
 pub mod intake;
 pub mod server;
+pub mod feed;
 pub mod web;
 pub mod mqtt;
 pub mod signals;
