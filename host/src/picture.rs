@@ -281,7 +281,7 @@ fn check_size(decoder: &impl ImageDecoder, most: u64) -> Result<()> {
         u64::from(width) * u64::from(height) <= most && decoder.total_bytes() <= most * PIXEL_BYTES,
         "the picture is too large: it has {width}x{height} px ({} MB), and at most {} megapixels ({} MB) are read; make it smaller first",
         decoder.total_bytes() / 1_000_000,
-        most / 1_000_000,
+        most as f64 / 1e6,
         most * PIXEL_BYTES / 1_000_000
     );
     Ok(())

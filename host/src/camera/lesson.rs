@@ -148,6 +148,17 @@ mod tests {
     }
 
     #[test]
+    fn a_picture_is_learned_as_it_is_whether_frames_are_mirrored_or_not() {
+        let file = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/pictures/coffee.jpg");
+        let picture = read_picture(&file).expect("a picture");
+        let plan = Plan { preset: Preset::Compact, bytes: Preset::Compact.bytes(), ..Plan::default() };
+        let plain = learn_picture(picture.clone(), " coffee ", &plan).expect("a model");
+        let mirrored = learn_picture(picture.clone(), "coffee", &Plan { mirror: true, ..plan }).expect("a model");
+        assert!(mirrored.model == plain.model && mirrored.picture == picture);
+        assert!(mirrored.found.is_some_and(|score| score > 0.9), "it is found in itself: {:?}", mirrored.found);
+    }
+
+    #[test]
     fn a_name_is_needed_without_control_characters() {
         let outline = Outline::default();
         assert_says(learn(&blank(), &outline, " ", &Plan::default()), "name of 1 to");

@@ -213,7 +213,7 @@ pub fn learn_from_camera(lesson: &Lesson, name: String, output: &Path, plan: &Pl
     let school = School { plan: plan.clone(), errand: Some(errand) };
     let page = Page { address: lesson.web, token: lesson.token.clone(), public: None, school };
     let session = Session::start(&lesson.origin, &live, Some(page), None, 1)?;
-    tracing::info!("open it, hold the object up, and press \"Learn an object\"");
+    tracing::info!("open it, hold the object up, and press \"Learn from the camera\"");
     let searched = search_frames(&live, Request::new(Profile::Vga, DEFAULT_THRESHOLD), Space::default(), |_| Ok(true));
     let ended = session.end();
     learned.try_recv().or_else(|_| ended.and(searched).and(Err(anyhow!(STOPPED))))

@@ -88,6 +88,7 @@ function stopLearning() {
   $('lesson').hidden = $('corners').hidden = true;
   $('problem').textContent = '';
   view.ariaLabel = 'Picture of the camera';
+  if (!shown) context.clearRect(0, 0, view.width, view.height);
   draw();
 }
 

@@ -82,12 +82,13 @@ const sentence = text => text && text[0].toUpperCase() + text.slice(1) + (/[.!?â
 async function watch() {
   while (!done) {
     try {
+      if (generation === null) await refresh();
       await next();
     } catch (error) {
       if (done) break;
       const isRefused = error instanceof Refused;
       notice(isRefused ? error.message : error.message + ' Trying againâ€¦');
-      shown = null;            // numbers may start anew
+      shown = generation = null;       // the program may have been started anew
       tellNothing();
       // A wrong token is not tried again: each time takes the program longer to answer.
       await (isRefused ? new Promise(go => { entered = go; }) : new Promise(go => setTimeout(go, 1000)));
@@ -271,7 +272,4 @@ document.onkeydown = event => {
   if (event.key === 'l') { event.preventDefault(); learnFromCamera(); }
 };
 // All scripts have run then.
-document.addEventListener('DOMContentLoaded', () => {
-  refresh().catch(error => notice(error.message));
-  watch();
-});
+document.addEventListener('DOMContentLoaded', watch);
