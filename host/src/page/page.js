@@ -50,7 +50,7 @@ async function ask(path, options = {}) {
 
 // Says what is wrong with the token, and asks for another.
 function refuse(sent) {
-  const remedy = 'open the address that the program printed at its start, or type the token here.';
+  const remedy = 'open the address that the program printed at its start, or type the token into its field.';
   const why = !sent ? `This page needs a token: ${remedy}`
     : sent === proven ? `The token has changed, since the program was started anew: ${remedy}`
       : `The token is wrong: ${remedy}`;
