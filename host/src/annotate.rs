@@ -97,6 +97,12 @@ pub fn draw_outline(canvas: &mut Canvas, outline: &Outline) {
     disc(canvas, a, WHITE, 2 * line_px);
 }
 
+/// Draws outlines, and then their labels on top.
+pub fn draw_outlines(canvas: &mut Canvas, outlines: &[Outline]) {
+    outlines.iter().for_each(|o| draw_outline(canvas, o));
+    outlines.iter().for_each(|o| draw_label(canvas, o));
+}
+
 /// Draws the lines of a surface's grid.
 fn draw_grid(canvas: &mut Canvas, surface: &Surface, colour: Colour) {
     for (i, &p) in surface.points.iter().enumerate() {

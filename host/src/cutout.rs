@@ -49,7 +49,7 @@ pub fn cut_out(frame: &Picture, outline: &Outline) -> Result<Picture> {
     let size = [(side(0, 1) + side(3, 2)) / 2.0, (side(0, 3) + side(1, 2)) / 2.0];
     ensure!(
         size[0] >= MIN_SIDE_PX && size[1] >= MIN_SIDE_PX,
-        "the outline is too small ({:.0}x{:.0} px): hold the object closer to the camera",
+        "the outline is too small ({:.0}x{:.0} px): hold the object closer to the camera, or take a larger picture",
         size[0],
         size[1]
     );

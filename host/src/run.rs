@@ -16,9 +16,7 @@ use std::time::SystemTime;
 use anyhow::{Context, Result, anyhow};
 use keygraph_core::{Detection, Model};
 
-use crate::annotate::{
-    Canvas, Outline, colour, draw_axes, draw_corners, draw_label, draw_outline, draw_part, draw_triangles,
-};
+use crate::annotate::{Canvas, Outline, colour, draw_axes, draw_corners, draw_outlines, draw_part, draw_triangles};
 use crate::cutout::rectify;
 use crate::input::{Kind, Pending, Picture, Source, SourceFrame};
 use crate::lens::Optics;
@@ -228,30 +226,27 @@ pub fn draw(picture: &Picture, model: &Model<'_>, found: &Found) -> Canvas {
         draw_part(&mut canvas, part);
     }
     draw_corners(&mut canvas, &found.corners, [255, 255, 255]);
-    let outlines: Vec<Outline> = found
-        .detections
-        .iter()
-        .enumerate()
-        .map(|(i, d)| Outline {
-            corners: d.corners,
-            surface: found.surface(i).copied(),
-            label: {
-                let id = found.tracking.as_ref().map_or_else(String::new, |t| format!(" #{}", t.seen[i].0));
-                format!("{}{id} {:.2}", plain(model.object(usize::from(d.object)).name), d.score)
-            },
-            colour_index: usize::from(d.object),
-        })
-        .collect();
+    let outlines = outlines(model, found);
     for (triangles, o) in found.supporters.iter().zip(&outlines) {
         draw_triangles(&mut canvas, triangles, colour(o.colour_index));
     }
-    for o in &outlines {
-        draw_outline(&mut canvas, o);
-    }
-    for o in &outlines {
-        draw_label(&mut canvas, o);
-    }
+    draw_outlines(&mut canvas, &outlines);
     canvas
+}
+
+/// The outlines of the detections of a frame, with name, id and score.
+#[must_use]
+pub fn outlines(model: &Model<'_>, found: &Found) -> Vec<Outline> {
+    let outline = |(i, d): (usize, &Detection)| Outline {
+        corners: d.corners,
+        surface: found.surface(i).copied(),
+        label: {
+            let id = found.tracking.as_ref().map_or_else(String::new, |t| format!(" #{}", t.seen[i].0));
+            format!("{}{id} {:.2}", plain(model.object(usize::from(d.object)).name), d.score)
+        },
+        colour_index: usize::from(d.object),
+    };
+    found.detections.iter().enumerate().map(outline).collect()
 }
 
 #[cfg(test)]

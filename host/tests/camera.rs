@@ -223,7 +223,13 @@ fn the_page_shows_what_is_found_to_several_viewers() {
     let page = live.get("/");
     assert_eq!(page.status, 200);
     assert!(page.head.contains("content-security-policy"), "{}", page.head);
+    assert!(!page.head.contains("unsafe-inline"), "{}", page.head);
     assert!(page.text().contains("<canvas"));
+    for file in page.text().split(['"', '\'']).filter(|f| f.ends_with(".js") || f.ends_with(".css")) {
+        let part = live.get(&format!("/{file}"));
+        let kind = if file.ends_with(".js") { "text/javascript" } else { "text/css" };
+        assert!(part.status == 200 && part.head.contains(kind) && !part.body.is_empty(), "{file}: {}", part.head);
+    }
 
     // A viewer that asks for more frames than all buffers hold, and reads none, delays
     // nobody.
@@ -284,8 +290,10 @@ fn other_addresses_need_a_token_and_other_pages_change_nothing() {
     assert!(token.len() >= 32, "{token}");
     assert_eq!(live.get("/status").status, 200);
     live.token = None;
-    assert_eq!(live.get("/status").status, 401);
-    assert_eq!(live.get("/status?token=wrong").status, 401);
+    let missing = live.get("/status");
+    assert!(missing.status == 401 && missing.text().contains("a token is needed"), "{}", missing.text());
+    let wrong = live.get("/status?token=wrong");
+    assert!(wrong.status == 401 && wrong.text().contains("the token is wrong"), "{}", wrong.text());
     assert_eq!(live.get(&format!("/status?token={token}")).status, 200);
     live.token = Some("wrong".into());
     assert_eq!(live.get("/frame").status, 401);

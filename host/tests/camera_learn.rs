@@ -42,7 +42,7 @@ fn an_object_is_learned_from_a_frame_and_removed_again() {
     let refused = live.ask("POST", "/learn?name=x&corners=1,2,3", &[], &frame.jpeg);
     assert!(refused.status == 400 && refused.text().contains("eight numbers"), "{}", refused.text());
     let refused = live.ask("POST", &path, &[], b"no picture");
-    assert!(refused.status == 400 && refused.text().contains("no JPEG"), "{}", refused.text());
+    assert!(refused.status == 400 && refused.text().contains("no picture that can be learned"), "{}", refused.text());
 
     let learned = live.ask("POST", &path, &[], &frame.jpeg);
     assert_eq!(learned.status, 201, "{}", learned.text());
@@ -65,6 +65,50 @@ fn an_object_is_learned_from_a_frame_and_removed_again() {
     assert_eq!(live.ask("PUT", "/threshold?value=0.9", &[], b"").status, 204);
     live.frame_with(|f| f.line["threshold"] == 0.9);
     assert_eq!(live.ask("PUT", "/threshold?value=7", &[], b"").status, 400);
+}
+
+#[test]
+fn an_object_is_learned_from_a_picture_of_it() {
+    let folder = Folder::new("from-picture");
+    let live = Live::start(&["--replay", &held_up(&folder), "--fps", "10", "--web", "127.0.0.1:0"]);
+    let learn = |query: &str, bytes: &[u8]| live.ask("POST", &format!("/learn?{query}"), &[], bytes);
+    let jpeg = std::fs::read(picture("astronaut")).unwrap();
+    let refused = learn("name=x", &jpeg);
+    assert!(refused.status == 400 && refused.text().contains("from=picture"), "{}", refused.text());
+    assert_eq!(learn("name=x&from=afar", &jpeg).status, 400);
+    let mut plain = std::io::Cursor::new(Vec::new());
+    image::RgbImage::new(300, 200).write_to(&mut plain, image::ImageFormat::Png).unwrap();
+    let refused = learn("name=x&from=picture", plain.get_ref());
+    assert!(refused.status == 400 && refused.text().contains("too little to hold on to"), "{}", refused.text());
+    let refused = learn("name=x&from=picture", &jpeg[..jpeg.len() / 2]);
+    assert!(refused.status == 400 && refused.text().contains("cut off"), "{}", refused.text());
+    // ffmpeg reads AVIF for the command line, and nothing for the page.
+    let refused = learn("name=x&from=picture", b"\0\0\0\x1cftypavif\0\0\0\0avifmif1miaf");
+    assert!(refused.status == 400 && refused.text().contains("send a PNG, JPEG, WebP"), "{}", refused.text());
+
+    let learned = learn("name=whole&from=picture", &jpeg);
+    assert_eq!((learned.status, &learned.json()["warning"]), (201, &json!(null)), "{}", learned.text());
+    let seen = live.frame_with(|f| f.detection("whole").is_some());
+    let error = corner_error(&outline(seen.detection("whole").unwrap()), &shown());
+    assert!(error < 0.03, "the outline is off by {error} of its size");
+    assert_eq!(live.ask("DELETE", "/models/1", &[], b"").status, 204);
+
+    // The same picture within clear surroundings, which do not belong to the object.
+    let (astronaut, mut clear) = (image::open(picture("astronaut")).unwrap(), image::RgbaImage::new(700, 600));
+    image::imageops::overlay(&mut clear, &astronaut, 120, 40);
+    let mut png = std::io::Cursor::new(Vec::new());
+    clear.write_to(&mut png, image::ImageFormat::Png).unwrap();
+    assert_eq!(learn("name=clear&from=picture", png.get_ref()).status, 201);
+    let seen = live.frame_with(|f| f.detection("clear").is_some());
+    let error = corner_error(&outline(seen.detection("clear").unwrap()), &shown());
+    assert!(error < 0.03, "the outline is off by {error} of its size");
+    assert_eq!(live.ask("DELETE", "/models/2", &[], b"").status, 204);
+
+    // A part of a photograph: the frame itself.
+    let photograph = std::fs::read(frame(2)).unwrap();
+    let learned = learn(&format!("name=part&from=picture&corners={}", corners()), &photograph);
+    assert_eq!(learned.status, 201, "{}", learned.text());
+    live.frame_with(|f| f.detection("part").is_some());
 }
 
 #[test]

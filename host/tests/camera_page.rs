@@ -1,220 +1,21 @@
-//! The page of `keygraph camera` in a real browser: headless Chromium, driven over the
-//! DevTools protocol through a pair of pipes.
+//! The page of `keygraph camera` in a real browser: headless Chromium.
 //!
 //! In: frames of the repository. Out: the pixels that the page draws, and what it does on
-//! clicks and keys. Screenshots go to the folder that KEYGRAPH_SCREENSHOTS names, if it is
-//! set. Skipped when there is no Chromium.
+//! clicks and keys.
 #![allow(clippy::unwrap_used, clippy::panic, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
 
+mod camera_browser;
 mod camera_live;
 mod program;
 
-use std::fs::{File, OpenOptions};
-use std::io::{BufRead, BufReader, Write};
-use std::path::Path;
-use std::process::{Child, Command, Stdio};
-use std::sync::mpsc::{Receiver, channel};
+use std::io::Write;
 use std::thread;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use camera_live::{LIMIT, Live};
+use camera_browser::{DESK, Tab, browser, model, still, truth};
+use camera_live::Live;
 use program::{Folder, assets, keygraph, numbers, picture};
-use serde_json::{Value, json};
-
-// ------------------------------------------------------------------- browser
-
-/// A headless Chromium; killed when dropped.
-struct Browser {
-    child: Child,
-    input: File,
-    messages: Receiver<Value>,
-    id: u64,
-}
-
-/// A tab of the browser, of a given size.
-struct Tab<'a> {
-    browser: &'a mut Browser,
-    session: String,
-}
-
-/// Starts the browser. Returns `None`, and prints a line, when there is none.
-fn browser(folder: &Folder) -> Option<Browser> {
-    let names = ["chromium", "chromium-browser", "google-chrome"];
-    let found = names.into_iter().find(|n| Command::new(n).arg("--version").output().is_ok_and(|o| o.status.success()));
-    let Some(program) = found else {
-        assert!(std::env::var_os("KEYGRAPH_MUST_NOT_SKIP").is_none(), "no Chromium, and nothing may be skipped");
-        let _ = writeln!(
-            std::io::stderr(),
-            "SKIPPED: the page is not looked at without Chromium: sudo apt-get install chromium"
-        );
-        return None;
-    };
-    let [input, output] = ["in", "out"].map(|n| folder.join(n));
-    assert!(Command::new("mkfifo").args([&input, &output]).status().unwrap().success());
-    // The protocol uses the descriptors 3 and 4.
-    let child = Command::new("sh")
-        .args(["-c", "exec \"$0\" \"$@\" 3<\"$IN\" 4>\"$OUT\"", program])
-        .args(["--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--remote-debugging-pipe"])
-        .arg(format!("--user-data-dir={}", folder.join("profile").display()))
-        .env("IN", &input)
-        .env("OUT", &output)
-        .stdin(Stdio::null())
-        .stdout(Stdio::null())
-        .stderr(Stdio::null())
-        .spawn()
-        .unwrap();
-    let input = OpenOptions::new().write(true).open(&input).unwrap();
-    let output = File::open(&output).unwrap();
-    let (sender, messages) = channel();
-    thread::spawn(move || {
-        for message in BufReader::new(output).split(0).map_while(Result::ok) {
-            let _ = sender.send(serde_json::from_slice::<Value>(&message).unwrap());
-        }
-    });
-    Some(Browser { child, input, messages, id: 0 })
-}
-
-impl Drop for Browser {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
-}
-
-impl Browser {
-    fn call(&mut self, session: Option<&str>, method: &str, parameters: &Value) -> Value {
-        self.id += 1;
-        let mut message = json!({"id": self.id, "method": method, "params": parameters});
-        if let Some(session) = session {
-            message["sessionId"] = json!(session);
-        }
-        self.input.write_all(format!("{message}\0").as_bytes()).unwrap();
-        loop {
-            let answer = self.messages.recv_timeout(LIMIT).unwrap_or_else(|_| panic!("no answer to {method}"));
-            if answer["id"] == self.id {
-                assert!(answer["error"].is_null(), "{method}: {answer}");
-                return answer["result"].clone();
-            }
-        }
-    }
-
-    fn tab(&mut self, url: &str, (width, height, ratio): (u32, u32, u32)) -> Tab<'_> {
-        let session = self.open(url);
-        let tab = Tab { browser: self, session };
-        tab.resized(width, height, ratio)
-    }
-
-    fn open(&mut self, url: &str) -> String {
-        let target = self.call(None, "Target.createTarget", &json!({"url": url}))["targetId"].clone();
-        let attached = self.call(None, "Target.attachToTarget", &json!({"targetId": target, "flatten": true}));
-        attached["sessionId"].as_str().unwrap().to_string()
-    }
-}
-
-impl Tab<'_> {
-    fn call(&mut self, method: &str, parameters: &Value) -> Value {
-        self.browser.call(Some(&self.session), method, parameters)
-    }
-
-    fn resized(mut self, width: u32, height: u32, ratio: u32) -> Self {
-        let size = json!({"width": width, "height": height, "deviceScaleFactor": ratio, "mobile": false});
-        self.call("Emulation.setDeviceMetricsOverride", &size);
-        self
-    }
-
-    fn evaluate(&mut self, expression: &str) -> Value {
-        let wanted = json!({"expression": expression, "awaitPromise": true, "returnByValue": true});
-        let answer = self.call("Runtime.evaluate", &wanted);
-        assert!(answer["exceptionDetails"].is_null(), "{expression}: {answer}");
-        answer["result"]["value"].clone()
-    }
-
-    fn wait_for(&mut self, expression: &str) -> Value {
-        let end = Instant::now() + LIMIT;
-        loop {
-            // The page may not have defined the names yet.
-            let value =
-                self.evaluate(&format!("(() => {{ try {{ return {expression}; }} catch {{ return null; }} }})()"));
-            if !matches!(value, Value::Null | Value::Bool(false)) {
-                return value;
-            }
-            if Instant::now() > end {
-                self.shoot("failed");
-                panic!("did not become true: {expression}");
-            }
-            thread::sleep(Duration::from_millis(100));
-        }
-    }
-
-    fn mouse(&mut self, kind: &str, [x, y]: [f64; 2]) {
-        let buttons = u8::from(kind != "mouseReleased");
-        let event = json!({"type": kind, "x": x, "y": y, "button": "left", "buttons": buttons, "clickCount": 1});
-        self.call("Input.dispatchMouseEvent", &event);
-    }
-
-    fn key(&mut self, key: &str, text: &str) {
-        let code = if key == "Enter" { 13 } else { 0 };
-        let event = |kind: &str| json!({"type": kind, "key": key, "text": text, "windowsVirtualKeyCode": code});
-        self.call("Input.dispatchKeyEvent", &event("keyDown"));
-        self.call("Input.dispatchKeyEvent", &json!({"type": "keyUp", "key": key, "windowsVirtualKeyCode": code}));
-    }
-
-    fn type_text(&mut self, text: &str) {
-        self.call("Input.insertText", &json!({"text": text}));
-    }
-
-    /// Writes a screenshot when KEYGRAPH_SCREENSHOTS is set.
-    fn shoot(&mut self, name: &str) {
-        let Some(folder) = std::env::var_os("KEYGRAPH_SCREENSHOTS") else { return };
-        let shot = self.call("Page.captureScreenshot", &json!({"format": "png"}));
-        let bytes = decode_base64(shot["data"].as_str().unwrap());
-        std::fs::write(Path::new(&folder).join(name).with_extension("png"), bytes).unwrap();
-    }
-}
-
-fn decode_base64(text: &str) -> Vec<u8> {
-    const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-    let mut bytes = Vec::new();
-    let (mut held, mut bits) = (0_u32, 0);
-    for digit in text.bytes().filter_map(|b| DIGITS.iter().position(|d| *d == b)) {
-        held = held << 6 | digit as u32;
-        bits += 6;
-        if bits >= 8 {
-            bits -= 8;
-            bytes.push((held >> bits) as u8);
-        }
-    }
-    bytes
-}
-
-// --------------------------------------------------------------------- tests
-
-/// The outline of the astronaut in a frame of the sequence, as it was rendered.
-fn truth(frame: usize) -> [[f64; 2]; 4] {
-    let all: Value = serde_json::from_slice(&std::fs::read(assets().join("sequence/truth.json")).unwrap()).unwrap();
-    let m = numbers::<9>(&all[frame]["objects"]["astronaut"]);
-    [[0.0, 0.0], [512.0, 0.0], [512.0, 512.0], [0.0, 512.0]].map(|[x, y]| {
-        let z = m[6] * x + m[7] * y + m[8];
-        [(m[0] * x + m[1] * y + m[2]) / z, (m[3] * x + m[4] * y + m[5]) / z]
-    })
-}
-
-/// Makes a folder with one frame of the sequence: an object that does not move.
-fn still(folder: &Folder) -> String {
-    let frames = folder.join("frames");
-    std::fs::create_dir_all(&frames).unwrap();
-    std::fs::copy(program::frame(2), frames.join("0.jpg")).unwrap();
-    frames.to_str().unwrap().to_string()
-}
-
-fn model(folder: &Folder) -> String {
-    let path = folder.join("astronaut.kgm").to_str().unwrap().to_string();
-    let picture = picture("astronaut");
-    keygraph(&["train", picture.to_str().unwrap(), "--preset", "standard", "-o", &path]).ended_with(0);
-    path
-}
-
-const DESK: (u32, u32, u32) = (1280, 800, 1);
+use serde_json::json;
 
 /// Counts the points, of 40 along the true outline, that have the outline's colour within
 /// 2 px.
@@ -297,7 +98,7 @@ fn an_object_is_learned_with_the_mouse() {
     tab.wait_for("frozen !== null");
     for (i, [x, y]) in truth(2).into_iter().enumerate() {
         let place = format!(
-            "(() => {{ const v = view.getBoundingClientRect(), m = marks[{i}].getBoundingClientRect(), s = v.width / frozen.line.width;
+            "(() => {{ const v = view.getBoundingClientRect(), m = marks[{i}].getBoundingClientRect(), s = v.width / frozen.width;
                 return [m.x + m.width / 2, m.y + m.height / 2, v.x + ({x} + .5) * s, v.y + ({y} + .5) * s]; }})()"
         );
         let [x0, y0, x1, y1] = numbers::<4>(&tab.evaluate(&place));
@@ -368,19 +169,10 @@ fn a_telephone_with_a_token() {
     let folder = Folder::new("telephone");
     let Some(mut browser) = browser(&folder) else { return };
     let astronaut = model(&folder);
-    let live = Live::start(&[
-        "--replay",
-        &still(&folder),
-        "--fps",
-        "10",
-        "-m",
-        &astronaut,
-        "--web",
-        "0.0.0.0:0",
-        "--token",
-        "open-sesame-12345",
-    ]);
-    let mut tab = browser.tab(&format!("http://{}/", live.place), (390, 844, 3));
+    let frames = still(&folder);
+    let source = ["--replay", &frames, "--fps", "10", "-m", &astronaut];
+    let live = Live::start(&[&source[..], &["--web", "0.0.0.0:0", "--token", "open-sesame-12345"]].concat());
+    let mut tab = browser.tab(&format!("http://{}/", live.place), DESK).touched(390, 844);
     tab.wait_for("!$('key').hidden && shown === null");
     tab.evaluate("$('token').focus()");
     tab.type_text("open-sesame-12345");
@@ -391,4 +183,79 @@ fn a_telephone_with_a_token() {
     assert!(wide <= window, "the page is {wide} px wide on a screen of {window}");
     assert!((ratio - 3.0).abs() < 0.02, "{ratio} pixels of the canvas for one of the page");
     tab.shoot("telephone");
+}
+
+#[test]
+fn a_token_that_is_missing_wrong_or_new_is_named() {
+    let folder = Folder::new("tokens");
+    let Some(mut browser) = browser(&folder) else { return };
+    let frames = still(&folder);
+    let start =
+        |web: &str, token: &str| Live::start(&["--replay", &frames, "--fps", "10", "--web", web, "--token", token]);
+    let live = start("127.0.0.1:0", "open-sesame-12345");
+    let place = live.place.clone();
+    let mut tab = browser.tab(&format!("http://{place}/"), DESK);
+    let says = |tab: &mut Tab<'_>, words: &str| {
+        tab.wait_for(&format!(
+            "$('refusal').textContent.includes('{words}: open the address that the program printed')"
+        ));
+        assert_eq!(tab.evaluate("!$('key').hidden && $('notice').textContent === $('refusal').textContent"), true);
+    };
+    says(&mut tab, "needs a token");
+    // The address of another start in the same tab changes what stands after # alone.
+    tab.evaluate("location.hash = '#token=a-token-of-before'");
+    says(&mut tab, "The token is wrong");
+    tab.shoot("token");
+    tab.evaluate("location.hash = '#token=open-sesame-12345'");
+    tab.wait_for("$('key').hidden && shown.bitmap.width > 0 && $('notice').textContent === ''");
+    drop(live);
+    tab.wait_for("$('notice').textContent.includes('does not answer')");
+    let live = start(&place, "another-token-12345");
+    says(&mut tab, "The token has changed, since the program was started anew");
+    tab.evaluate("$('token').focus()");
+    tab.type_text("another-token-12345");
+    tab.key("Enter", "\r");
+    tab.wait_for("$('key').hidden && shown.bitmap.width > 0 && $('notice').textContent === ''");
+    drop(live);
+}
+
+#[test]
+fn what_is_in_view_and_what_was_are_told_apart() {
+    let folder = Folder::new("in-view");
+    let Some(mut browser) = browser(&folder) else { return };
+    let (astronaut, coffee) = (model(&folder), folder.join("coffee.kgm").to_str().unwrap().to_string());
+    keygraph(&["train", picture("coffee").to_str().unwrap(), "--preset", "compact", "-o", &coffee]).ended_with(0);
+    let frames = still(&folder);
+    // The astronaut is there for two frames, and away for two.
+    for (i, frame) in [2, 22, 22].into_iter().enumerate() {
+        std::fs::copy(program::frame(frame), format!("{frames}/{}.jpg", i + 1)).unwrap();
+    }
+    let source = ["--replay", &frames, "--fps", "1", "-m", &astronaut, "-m", &coffee];
+    let live = Live::start(&[&source[..], &["--web", "127.0.0.1:0"]].concat());
+    let mut tab = browser.tab(&format!("http://{}/", live.place), DESK);
+    tab.wait_for("/^astronautscore [01]\\.\\d\\d$/.test($('seen').textContent) && $('before').textContent === ''");
+    tab.wait_for(
+        "$('seen').textContent === 'nothing' && /^astronaut(just now|\\d s ago)$/.test($('before').textContent)",
+    );
+    tab.shoot("seen-before");
+    assert_eq!(tab.evaluate("$('earlier').hidden"), false);
+    assert_eq!(tab.evaluate("$('spoken').textContent"), "In view: nothing");
+    // Another page that is opened now knows it too.
+    assert_eq!(
+        tab.evaluate("[ago(400), ago(61000), ago(130000), ago(7.2e6), ago(3e8)].join()"),
+        "just now,61 s ago,2 min ago,2 h ago,3 days ago"
+    );
+    drop(live);
+    tab.wait_for("$('seen').textContent.startsWith('unknown') && $('earlier').hidden");
+}
+
+#[test]
+fn keys_are_named_where_there_is_a_keyboard() {
+    let folder = Folder::new("keys");
+    let Some(mut browser) = browser(&folder) else { return };
+    let live = Live::start(&["--replay", &still(&folder), "--fps", "10", "--web", "127.0.0.1:0"]);
+    let url = format!("http://{}/", live.place);
+    let count = "shown && [...document.querySelectorAll('kbd')].filter(k => k.checkVisibility()).length";
+    assert_eq!(browser.tab(&url, DESK).wait_for(&format!("(n => n === 6 && n)({count})")), 6);
+    assert_eq!(browser.tab(&url, DESK).touched(390, 844).wait_for(&format!("shown && [{count}]")), json!([0]));
 }

@@ -62,8 +62,11 @@ impl Refusal {
     #[must_use]
     pub const fn text(self) -> &'static str {
         match self {
-            Self::Token | Self::Wrong => {
-                "the token is missing or wrong: send it as `Authorization: Bearer TOKEN`, or open the page with #token=TOKEN"
+            Self::Token => {
+                "a token is needed: open the address that the program printed, or send the token as `Authorization: Bearer TOKEN`"
+            }
+            Self::Wrong => {
+                "the token is wrong: open the address that the program printed. A random token is another one after each start"
             }
             Self::Host => "this page is only served as localhost: give --token to reach it under another name",
             Self::Origin => "only the page itself may change something",
@@ -77,6 +80,12 @@ impl Guard {
     #[must_use]
     pub const fn new(token: Option<String>, public: Option<String>) -> Self {
         Self { token, public }
+    }
+
+    /// Whether requests need a token.
+    #[must_use]
+    pub const fn has_token(&self) -> bool {
+        self.token.is_some()
     }
 
     /// Whether requests come through a proxy.

@@ -1,7 +1,7 @@
-//! Training on an object in a frame.
+//! Training on an object in a frame, or on a picture of it.
 //!
-//! In: a frame, the outline of the object in it, a name, and a plan. Out: the model, and
-//! whether it finds the object in that same frame.
+//! In: a frame and the outline of the object in it, or a picture that shows nothing else; a name,
+//! and a plan. Out: the model, and whether it finds the object in that same frame or picture.
 //!
 //! Memory: the picture and the model. Cost: a training, some seconds.
 
@@ -53,20 +53,40 @@ impl Errand {
 /// When the name is empty, too long or has control characters, the outline cannot be used, or the part has too
 /// little texture.
 pub fn learn(frame: &Picture, outline: &Outline, name: &str, plan: &Plan) -> Result<Learned> {
-    let name = name.trim();
-    ensure!(!name.is_empty() && name.len() <= NAME_BYTES, "give the object a name of 1 to {NAME_BYTES} bytes");
-    check_name(name)?;
+    let name = named(name)?;
     let mut picture = cut_out(frame, outline)?;
     if plan.mirror {
         picture.mirror();
     }
+    train(picture, Some(frame), name, plan)
+}
+
+/// Trains on a picture that shows the object from the front and nothing else, and searches it for
+/// the object. It is taken as it is, whether frames are mirrored or not.
+///
+/// # Errors
+/// When the name is empty, too long or has control characters, or the picture has too little texture.
+pub fn learn_picture(picture: Picture, name: &str, plan: &Plan) -> Result<Learned> {
+    train(picture, None, named(name)?, &Plan { mirror: false, ..plan.clone() })
+}
+
+/// A name without blanks around it.
+fn named(name: &str) -> Result<&str> {
+    let name = name.trim();
+    ensure!(!name.is_empty() && name.len() <= NAME_BYTES, "give the object a name of 1 to {NAME_BYTES} bytes");
+    check_name(name)?;
+    Ok(name)
+}
+
+/// Trains on `picture`, and searches `frame` for it; without a frame, the picture itself.
+fn train(picture: Picture, frame: Option<&Picture>, name: &str, plan: &Plan) -> Result<Learned> {
     ensure!(
         plan.preset != Preset::Paper || plan.luma || has_colour(&picture),
         "the object has no colour, which the paper's features are made of: use another preset"
     );
     let (model, trained) = train_within(&picture, name, plan.preset, plan.luma, plan.bytes)?;
     let request = Request { mirror: plan.mirror, ..Request::new(Profile::Vga, DEFAULT_THRESHOLD) };
-    let own = search_for(frame, &Model::parse(&model)?, &request, 1)?;
+    let own = search_for(frame.unwrap_or(&picture), &Model::parse(&model)?, &request, 1)?;
     let found = own.detections.first().map(|d| d.score);
     Ok(Learned { name: name.to_string(), picture, model, trained, found })
 }
@@ -125,6 +145,17 @@ mod tests {
         let sum: u64 = a.iter().zip(b).map(|(a, b)| u64::from(a.abs_diff(*b))).sum();
         assert!(a.len() == b.len() && sum < 8 * a.len() as u64, "{sum} over {} bytes", a.len());
         assert!(learned.found.is_some(), "it is found as the camera will see it");
+    }
+
+    #[test]
+    fn a_picture_is_learned_as_it_is_whether_frames_are_mirrored_or_not() {
+        let file = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/pictures/coffee.jpg");
+        let picture = read_picture(&file).expect("a picture");
+        let plan = Plan { preset: Preset::Compact, bytes: Preset::Compact.bytes(), ..Plan::default() };
+        let plain = learn_picture(picture.clone(), " coffee ", &plan).expect("a model");
+        let mirrored = learn_picture(picture.clone(), "coffee", &Plan { mirror: true, ..plan }).expect("a model");
+        assert!(mirrored.model == plain.model && mirrored.picture == picture);
+        assert!(mirrored.found.is_some_and(|score| score > 0.9), "it is found in itself: {:?}", mirrored.found);
     }
 
     #[test]

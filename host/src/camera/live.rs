@@ -22,14 +22,17 @@ use tokio::sync::watch;
 use super::Captured;
 use super::damage::Damage;
 use super::models::Models;
+use super::pace::Pace;
 use super::repeated::Repeated;
-use super::shot::{Shot, Work};
+use super::shot::{Drawing, Shot, Work};
+use super::sightings::Sightings;
 use super::slot::{Slot, Taken};
 use super::tally::Tally;
 use super::tracker::{State, states};
 use crate::camera::space::Space;
 use crate::region::Unsuitable;
 use crate::report::{frame_line, rounded, timed};
+use crate::run::outlines;
 use crate::search::{Found, Request};
 use crate::trail::Trail;
 
@@ -43,6 +46,8 @@ const PAUSE: Duration = Duration::from_millis(100);
 const LONGEST_HOLD: Duration = Duration::from_millis(100);
 /// Maximum time between two frames of a source that delivers.
 const SILENCE: Duration = Duration::from_secs(15);
+/// Maximum number of pictures a second that outlines are drawn into.
+pub(super) const MOST_FPS: f64 = 25.0;
 
 /// The state that the threads share.
 #[derive(Debug)]
@@ -70,6 +75,19 @@ pub struct Live {
     watched_until: AtomicU64,
     /// The time until which a viewer wants corners and triangles, ms after `start`.
     details_until: AtomicU64,
+    /// The time until which a viewer wants outlines in the picture, ms after `start`.
+    outlines_until: AtomicU64,
+}
+
+/// What a viewer wants.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Wish {
+    /// The picture.
+    Picture,
+    /// The picture, corners and triangles.
+    Details,
+    /// The picture with outlines and names in it.
+    Outlines,
 }
 
 impl Live {
@@ -90,6 +108,7 @@ impl Live {
             newest: AtomicU64::new(u64::MAX),
             watched_until: AtomicU64::new(0),
             details_until: AtomicU64::new(0),
+            outlines_until: AtomicU64::new(0),
         }
     }
 
@@ -124,14 +143,15 @@ impl Live {
         u64::try_from(self.start.elapsed().as_millis()).unwrap_or(u64::MAX)
     }
 
-    /// Notes that a viewer wants pictures for `time` from now; with `details`, corners and
-    /// triangles too.
-    pub fn look(&self, time: Duration, details: bool) {
+    /// Notes what a viewer wants for `time` from now.
+    pub fn look(&self, time: Duration, wish: Wish) {
         let until = self.now_ms() + u64::try_from(time.as_millis()).unwrap_or(0);
-        self.watched_until.fetch_max(until, Ordering::Relaxed);
-        if details {
-            self.details_until.fetch_max(until, Ordering::Relaxed);
-        }
+        let all: &[&AtomicU64] = match wish {
+            Wish::Picture => &[&self.watched_until],
+            Wish::Details => &[&self.watched_until, &self.details_until],
+            Wish::Outlines => &[&self.outlines_until],
+        };
+        all.iter().for_each(|one| _ = one.fetch_max(until, Ordering::Relaxed));
     }
 
     fn is_watched(&self) -> bool {
@@ -140,6 +160,10 @@ impl Live {
 
     fn wants_details(&self) -> bool {
         self.now_ms() < self.details_until.load(Ordering::Relaxed)
+    }
+
+    fn wants_outlines(&self) -> bool {
+        self.now_ms() < self.outlines_until.load(Ordering::Relaxed)
     }
 }
 
@@ -176,6 +200,7 @@ pub fn search_frames(
     let mut trail = Trail::default();
     let (repeated, mut failures) = (Repeated::default(), 0);
     let mut suits = false;
+    let mut sightings = Sightings::default();
     loop {
         let merged = live.models.merged();
         // The model is parsed once for each change, not for each frame: that reads all of it.
@@ -223,9 +248,16 @@ pub fn search_frames(
             outcome.line = timed(outcome.line, Some(now.checked_sub(age).unwrap_or(now)));
             outcome.line["models"] = json!(merged.generation);
             outcome.line["threshold"] = json!(thousandths(request.threshold));
+            sightings.note(merged.generation, &outcome.objects, captured.at);
             let go_on = each(&outcome)?;
+            let drawing = live.wants_outlines().then(|| match (&model, &found) {
+                (Some(model), Some(found)) => Drawing { part: found.part, outlines: outlines(model, found) },
+                _ => Drawing::default(),
+            });
+            let watched = live.is_watched();
+            let seen = if watched { sightings.last(captured.at) } else { Vec::new() };
             let details = found.filter(|_| details);
-            live.work.put(Work { captured, line: outcome.line, details, watched: live.is_watched() });
+            live.work.put(Work { captured, line: outcome.line, details, watched, seen, drawing });
             if !go_on {
                 return Ok(());
             }
@@ -282,8 +314,10 @@ fn outcome(
 /// Encodes searched frames for the page until the slot is closed.
 pub fn paint(live: &Live) {
     let repeated = Repeated::default();
-    while let Some(work) = live.work.take() {
+    let mut pace = Pace::new(Duration::from_secs_f64(1.0 / MOST_FPS));
+    while let Some(mut work) = live.work.take() {
         let frame = work.captured.number;
+        work.drawing = work.drawing.filter(|_| pace.takes(Instant::now()));
         match Shot::new(work) {
             Ok(shot) => _ = live.shots.send_replace(Some(Arc::new(shot))),
             Err(error) => {

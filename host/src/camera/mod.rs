@@ -18,6 +18,7 @@
 //! - [`arguments`]: arguments of the commands
 //! - [`slot`]: the newest item of a thread, for another
 //! - [`damage`]: damaged frames
+//! - [`pace`]: at most so many items a second
 //! - [`repeated`]: messages that come again and again
 //! - [`lines`]: JSON lines on standard output
 //! - [`tally`]: numbers for those who watch the program
@@ -26,6 +27,7 @@
 //! - [`entry`]: one model as it was given
 //! - [`models`]: the models in use
 //! - [`tracker`]: the states of objects
+//! - [`sightings`]: when each object was seen last
 //! - [`shot`]: a searched frame in the form that viewers get
 //! - [`live`]: the search of the newest frame
 //! - [`folder`]: changes of the files on the shelf
@@ -34,13 +36,14 @@
 //! - [`attempts`]: attempts to guess the token
 //! - [`intake`]: bodies of requests, and those who wait to train
 //! - [`server`]: connections to the page
+//! - [`feed`]: pictures for other programs
 //! - [`web`]: the page
 //! - [`mqtt`]: messages to a broker
 //! - [`signals`]: the end of the program at a signal
 //! - [`session`]: the threads beside the search
 //!
 //! Memory: a few frames; it does not grow. Cost: a search a frame, and one encoded JPEG a
-//! frame while a viewer looks.
+//! frame while a viewer looks; another one while somebody wants outlines in it.
 
 pub mod mode;
 pub mod mjpeg;
@@ -48,6 +51,7 @@ pub mod guard;
 pub mod arguments;
 pub mod slot;
 pub mod damage;
+pub mod pace;
 pub mod repeated;
 pub mod lines;
 pub mod tally;
@@ -56,6 +60,7 @@ pub mod shelf;
 pub mod entry;
 pub mod models;
 pub mod tracker;
+pub mod sightings;
 pub mod shot;
 pub mod space;
 pub mod live;
@@ -66,6 +71,7 @@ pub mod lesson;
 pub mod attempts;
 pub mod intake;
 pub mod server;
+pub mod feed;
 pub mod web;
 pub mod mqtt;
 pub mod signals;
@@ -212,7 +218,7 @@ pub fn learn_from_camera(lesson: &Lesson, name: String, output: &Path, plan: &Pl
     let school = School { plan: plan.clone(), errand: Some(errand) };
     let page = Page { address: lesson.web, token: lesson.token.clone(), public: None, school };
     let session = Session::start(&lesson.origin, &live, Some(page), None, 1)?;
-    tracing::info!("open it, hold the object up, and press \"Learn an object\"");
+    tracing::info!("open it, hold the object up, and press \"Learn from the camera\"");
     let searched = search_frames(&live, Request::new(Profile::Vga, DEFAULT_THRESHOLD), Space::default(), |_| Ok(true));
     let ended = session.end();
     learned.try_recv().or_else(|_| ended.and(searched).and(Err(anyhow!(STOPPED))))

@@ -4,8 +4,10 @@
 //!
 //! | request | answer |
 //! | --- | --- |
-//! | `GET /` | the page, which asks for the rest |
+//! | `GET /`, `/page.css`, `/page.js`, ... | the page, which asks for the rest |
 //! | `GET /frame?after=N&details=1` | the newest searched frame that is not number N, as soon as there is one: picture and outlines in one body, see [`super::shot`]; 204 after 5 s without a frame |
+//! | `GET /snapshot.jpg?outlines=0` | the newest frame as a JPEG, see [`super::feed`] |
+//! | `GET /stream.mjpg?outlines=0&fps=F` | frames as Motion-JPEG |
 //! | `GET /events` | JSON lines of all frames as server-sent events |
 //! | `GET /health` | whether frames arrive, without a token: 200, or 503 |
 //! | `GET /metrics` | numbers for Prometheus |
@@ -13,7 +15,7 @@
 //! | `POST /models?name=N` | adds the model in the body |
 //! | `GET /models/ID`, `DELETE /models/ID` | returns, removes a model |
 //! | `PUT /threshold?value=V` | sets the minimum score |
-//! | `POST /learn?name=N&corners=x,y,...` | trains on the part of the JPEG in the body within the outline |
+//! | `POST /learn?name=N&corners=x,y,...&from=F` | trains on the picture in the body: on the part within the outline, or all of it. `from` is `camera` (a frame) or `picture` |
 //!
 //! A viewer asks for the next frame when it has drawn the last one. Each viewer gets as
 //! many frames as it can draw, always the newest, and waits for no other viewer.
@@ -26,13 +28,13 @@ use std::net::{IpAddr, SocketAddr, TcpListener, UdpSocket};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use axum::body::Body;
 use axum::extract::{Path, Query, Request, State};
 use axum::http::{HeaderMap, Method, StatusCode, header};
 use axum::middleware::{Next, from_fn_with_state};
 use axum::response::sse::{Event, KeepAlive, Sse};
-use axum::response::{Html, IntoResponse, Json, Response};
+use axum::response::{IntoResponse, Json, Response};
 use axum::routing::{get, post, put};
 use axum::{Extension, Router};
 use futures_util::stream::{Stream, unfold};
@@ -41,31 +43,39 @@ use serde_json::json;
 use tokio::sync::watch;
 
 use super::attempts::Attempts;
+use super::feed::{self, Feed};
 use super::guard::{Action, Guard, Refusal, token_in};
 use super::intake::{Intake, Problem, Upload, discard};
-use super::lesson::{Errand, learn};
-use super::live::{Live, thousandths};
+use super::lesson::{Errand, learn, learn_picture};
+use super::live::{Live, Wish, thousandths};
 use super::server::{self, Visit};
 use super::tally::Others;
 use crate::advice;
-use crate::cutout::parse_outline;
+use crate::cutout::{cut_out, parse_outline};
 use crate::learn::{Learned, Plan};
-use crate::picture::decode_jpeg;
+use crate::picture::{decode_sent, flatten_onto_white, opaque};
 use crate::report::score;
 
-const PAGE: &str = include_str!("../page.html");
+const PAGE: &str = include_str!("../page/page.html");
+/// The other files of the page: path, type, text.
+const PARTS: [(&str, &str, &str); 4] = [
+    ("/page.css", "text/css; charset=utf-8", include_str!("../page/page.css")),
+    ("/draw.js", "text/javascript; charset=utf-8", include_str!("../page/draw.js")),
+    ("/lesson.js", "text/javascript; charset=utf-8", include_str!("../page/lesson.js")),
+    ("/page.js", "text/javascript; charset=utf-8", include_str!("../page/page.js")),
+];
 
-/// The policy of the page: it may send requests to this program only.
-const POLICY: &str = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; \
+/// The policy of the page: its files come from this program, and it may send requests to this program only.
+const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; \
                       img-src blob: data:; connect-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'";
 
 /// Maximum wait for a frame. After it, the viewer is told that there is none.
 const PATIENCE: Duration = Duration::from_secs(5);
 /// Time for which pictures are encoded after a viewer's last request.
 const ATTENTION: Duration = Duration::from_secs(7);
-/// Maximum number of pixels of a picture to learn from. A picture that is decoded takes up
-/// to 9 bytes a pixel.
-const MOST_PIXELS: u64 = 12_000_000;
+/// Maximum number of pixels of a picture to learn from: a photograph of 4032x3024 px, as telephones
+/// take them. A picture that is decoded takes up to 9 bytes a pixel.
+const MOST_PIXELS: u64 = 12_500_000;
 
 /// Size of a piece of a model that is sent, bytes.
 const PIECE: usize = 64 << 10;
@@ -76,6 +86,7 @@ struct Web {
     guard: Arc<Guard>,
     attempts: Attempts,
     intake: Intake,
+    feed: Feed,
     school: Arc<School>,
     stopped: watch::Receiver<bool>,
 }
@@ -118,11 +129,14 @@ pub async fn serve(
         guard: Arc::new(guard),
         attempts: Attempts::default(),
         intake: Intake::default(),
+        feed: Feed::new(Arc::clone(&live), stopped.clone()),
         school: Arc::new(school),
         stopped: stopped.clone(),
     };
-    let router = Router::new()
+    let mut router = Router::new()
         .route("/frame", get(frame))
+        .route("/snapshot.jpg", get(snapshot))
+        .route("/stream.mjpg", get(stream))
         .route("/events", get(events))
         .route("/status", get(status))
         .route("/metrics", get(metrics))
@@ -132,9 +146,11 @@ pub async fn serve(
         .route("/learn", post(learn_object))
         .route_layer(from_fn_with_state(web.clone(), guarded))
         .route("/", get(page))
-        .route("/health", get(health))
-        .with_state(web);
-    server::serve(listener, router, live, stopped).await
+        .route("/health", get(health));
+    for (path, kind, text) in PARTS {
+        router = router.route(path, get(move || async move { (plain_headers(kind), text) }));
+    }
+    server::serve(listener, router.with_state(web), live, stopped).await
 }
 
 async fn guarded(
@@ -177,13 +193,13 @@ fn client(guard: &Guard, visit: &Visit, headers: &HeaderMap) -> IpAddr {
 }
 
 async fn page() -> impl IntoResponse {
-    let headers = [
-        (header::CONTENT_SECURITY_POLICY, POLICY),
-        (header::CACHE_CONTROL, "no-store"),
-        (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
-        (header::REFERRER_POLICY, "no-referrer"),
-    ];
-    (headers, Html(PAGE))
+    let headers = [(header::CONTENT_SECURITY_POLICY, POLICY), (header::REFERRER_POLICY, "no-referrer")];
+    (plain_headers("text/html; charset=utf-8"), headers, PAGE)
+}
+
+/// Headers of a file of the page. Nothing is kept: the next program may have another page.
+const fn plain_headers(kind: &str) -> [(header::HeaderName, &str); 3] {
+    [(header::CONTENT_TYPE, kind), (header::CACHE_CONTROL, "no-store"), (header::X_CONTENT_TYPE_OPTIONS, "nosniff")]
 }
 
 #[derive(Deserialize)]
@@ -199,7 +215,7 @@ async fn frame(
 ) -> Response {
     visit.look();
     let details = wanted.details == Some(1);
-    web.live.look(ATTENTION, details);
+    web.live.look(ATTENTION, if details { Wish::Details } else { Wish::Picture });
     let mut shots = web.live.shots.subscribe();
     let is_new = |shot: &Option<Arc<super::shot::Shot>>| {
         shot.as_ref().is_some_and(|s| s.body.is_some() && Some(s.number) != wanted.after)
@@ -218,6 +234,33 @@ async fn frame(
         (header::HeaderName::from_static("x-age-ms"), shot.at.elapsed().as_millis().to_string()),
     ];
     (headers, if details { body } else { body.slice(..shot.lean) }).into_response()
+}
+
+async fn snapshot(
+    State(mut web): State<Web>,
+    Extension(visit): Extension<Arc<Visit>>,
+    Query(wanted): Query<feed::Wanted>,
+) -> Result<Response, Problem> {
+    visit.look();
+    Ok(shared(&web.guard, web.feed.snapshot(wanted).await?))
+}
+
+async fn stream(
+    State(web): State<Web>,
+    Extension(visit): Extension<Arc<Visit>>,
+    Query(wanted): Query<feed::Wanted>,
+) -> Result<Response, Problem> {
+    visit.look();
+    Ok(shared(&web.guard, web.feed.stream(wanted, visit)?))
+}
+
+/// A picture that pages elsewhere may show if they know the token. Without a token, the browser
+/// keeps it from them: they may be any page that the user of this machine opens.
+fn shared(guard: &Guard, mut answer: Response) -> Response {
+    let policy = if guard.has_token() { "cross-origin" } else { "same-origin" };
+    let name = header::HeaderName::from_static("cross-origin-resource-policy");
+    answer.headers_mut().insert(name, header::HeaderValue::from_static(policy));
+    answer
 }
 
 async fn events(
@@ -340,7 +383,20 @@ async fn set_threshold(State(web): State<Web>, Query(threshold): Query<Threshold
 #[derive(Deserialize)]
 struct Lesson {
     name: String,
-    corners: String,
+    corners: Option<String>,
+    #[serde(default)]
+    from: Subject,
+}
+
+/// What an object is learned from.
+#[derive(Clone, Copy, Default, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum Subject {
+    /// A frame of the camera, which may be mirrored.
+    #[default]
+    Camera,
+    /// A picture of the object.
+    Picture,
 }
 
 async fn learn_object(
@@ -359,30 +415,50 @@ async fn learn_object(
     Ok((StatusCode::CREATED, Json(learned.await?)))
 }
 
-/// Trains on the part of a JPEG within an outline. The object goes to the errand, or else
-/// into the models in use.
+/// Trains on a picture, or on the part of it within an outline. The object goes to the errand, or
+/// else into the models in use.
 fn learn_from(web: &Web, lesson: &Lesson, upload: Upload) -> Result<serde_json::Value> {
-    let outline = parse_outline(&lesson.corners)?;
+    let outline = lesson.corners.as_deref().map(parse_outline).transpose()?;
     let alone = web.live.models.without_merges();
-    let frame = decode_jpeg(&upload.bytes, MOST_PIXELS)?;
+    let image = decode_sent(&upload.bytes, MOST_PIXELS)?;
     drop(upload);
-    let learned = learn(&frame, &outline, &lesson.name, &web.school.plan)?;
+    let (name, plan) = (&lesson.name, &web.school.plan);
+    let learned = match (lesson.from, outline) {
+        (Subject::Camera, Some(outline)) => learn(&flatten_onto_white(image).0, &outline, name, plan)?,
+        (Subject::Camera, None) => {
+            bail!("mark the object in the frame (corners=x,y,...), or give from=picture for a picture of it alone")
+        }
+        (Subject::Picture, Some(outline)) => {
+            learn_picture(cut_out(&flatten_onto_white(image).0, &outline)?, name, plan)?
+        }
+        (Subject::Picture, None) => {
+            let shown =
+                opaque(&image).context("the picture is transparent everywhere: there is nothing to train on")?;
+            drop(image);
+            learn_picture(shown.picture, name, plan)?
+        }
+    };
     // The model is merged next, which needs the memory.
-    drop((frame, alone));
+    drop(alone);
+    let warning = advice::warning(&learned.picture, &learned.trained);
     let (keygraphs, found) = (learned.trained.keygraphs.kept, learned.found.map(score));
     tracing::info!("{} learned: {keygraphs} keygraphs", learned.name);
     let Some(errand) = &web.school.errand else {
         // With an errand, the command that waits for the object warns.
-        if let Some(warning) = advice::warning(&learned.picture, &learned.trained) {
+        if let Some(warning) = &warning {
             tracing::warn!("the picture of {} {warning}", learned.name);
         }
         let Learned { name, model, picture, .. } = learned;
         drop(picture);
         let added = web.live.models.add(&name, model)?;
-        return Ok(json!({"id": added.id, "file": added.file_name(), "keygraphs": keygraphs, "found": found}));
+        return Ok(json!({
+            "id": added.id, "file": added.file_name(), "keygraphs": keygraphs, "found": found, "warning": warning,
+        }));
     };
     errand.hand_over(learned)?;
     // This ends the source, and with it all threads.
     web.live.frames.close();
-    Ok(json!({"id": null, "file": errand.output.display().to_string(), "keygraphs": keygraphs, "found": found}))
+    Ok(json!({
+        "id": null, "file": errand.output.display().to_string(), "keygraphs": keygraphs, "found": found, "warning": warning,
+    }))
 }

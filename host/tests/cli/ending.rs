@@ -44,7 +44,7 @@ fn end(mut child: Child, folder: &Folder, (name, number): (&str, i32)) {
 
 #[test]
 fn ffmpeg_that_waits_for_a_silent_camera_is_ended() {
-    if !has_ffmpeg() {
+    if !has_ffmpeg("wait for a camera") {
         return;
     }
     let (folder, server) = (Folder::new("silent"), TcpListener::bind("127.0.0.1:0").unwrap());
