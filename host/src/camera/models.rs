@@ -15,7 +15,6 @@
 
 use std::fs::{self, File};
 use std::io;
-use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -27,7 +26,7 @@ use keygraph_core::{Model, packed_len};
 use serde_json::{Value, json};
 
 use super::shelf::Shelf;
-use crate::file::{open_regular, read_regular, read_whole};
+use crate::file::{open_regular, read_exact_at, read_regular, read_whole};
 use crate::learn::merge;
 use crate::output::{check_name, plain};
 
@@ -106,7 +105,7 @@ impl Entry {
                 out.copy_from_slice(part.ok_or(io::ErrorKind::UnexpectedEof)?);
                 Ok(())
             }
-            Place::File(file) => file.read_exact_at(out, start as u64),
+            Place::File(file) => read_exact_at(file, out, start as u64),
         }
     }
 
