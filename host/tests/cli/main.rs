@@ -9,6 +9,7 @@
 //! - `usage`: wrong command lines, and models that cannot be read
 //! - `train`, `pack`, `detect`, `find`, `explain`, `inputs`, `annotate`, `assess`, `video`, `demo`: by command and by input
 //! - `region`: parts of frames, and frames that are mirrored
+//! - `debian`: what the package for Debian holds
 //! - `writing`: files that are written, and faults while they are
 #![allow(clippy::unwrap_used, clippy::panic, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
 
@@ -30,6 +31,8 @@ mod lines;
 mod annotate;
 mod assess;
 mod commands;
+#[cfg(unix)]
+mod debian;
 mod demo;
 mod detect;
 mod explain;
