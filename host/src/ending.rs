@@ -7,27 +7,39 @@
 //! Memory: a thread. Cost: none until a signal arrives.
 
 use std::io;
-use std::process::exit;
 use std::sync::mpsc::channel;
 use std::thread;
 use std::time::Duration;
 
-use signal_hook::consts::{SIGINT, SIGTERM};
-use signal_hook::iterator::Signals;
-use signal_hook::low_level::emulate_default_handler;
-
 use crate::{ffmpeg, unfinished};
 
-/// Maximum time to leave nothing behind.
-const PATIENCE: Duration = Duration::from_millis(500);
-/// What shells add to the number of a signal that ended a program.
-const BY_SIGNAL: i32 = 128;
+/// Ends the program at a signal from now on, without leaving anything behind. On Windows, a console ends the program
+/// as it ends any other.
+///
+/// # Errors
+/// When the system gives no thread, or signals cannot be waited for.
+#[cfg(not(unix))]
+#[allow(clippy::unnecessary_wraps, reason = "as where there are signals")]
+pub fn end_at_signals() -> io::Result<()> {
+    Ok(())
+}
 
 /// Ends the program at a signal from now on, without leaving anything behind.
 ///
 /// # Errors
 /// When the system gives no thread, or signals cannot be waited for.
+#[cfg(unix)]
 pub fn end_at_signals() -> io::Result<()> {
+    use signal_hook::consts::{SIGINT, SIGTERM};
+    use signal_hook::iterator::Signals;
+    use signal_hook::low_level::emulate_default_handler;
+    use std::process::exit;
+
+    /// Maximum time to leave nothing behind.
+    const PATIENCE: Duration = Duration::from_millis(500);
+    /// What shells add to the number of a signal that ended a program.
+    const BY_SIGNAL: i32 = 128;
+
     let mut signals = Signals::new([SIGINT, SIGTERM])?;
     let wait = move || {
         if let Some(signal) = signals.forever().next() {

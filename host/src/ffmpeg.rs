@@ -24,7 +24,7 @@ pub(crate) const CROP_TO_EVEN: &str = "crop=trunc(iw/2)*2:trunc(ih/2)*2";
 const MAX_MESSAGE_BYTES: usize = 4096;
 
 const NO_FFMPEG: &str = "video needs ffmpeg: install it with `sudo apt-get install ffmpeg` \
-                         (Debian/Ubuntu) or `brew install ffmpeg` (macOS)";
+                         (Debian/Ubuntu), `brew install ffmpeg` (macOS) or `winget install Gyan.FFmpeg` (Windows)";
 
 /// Formats that ffmpeg may read, by its names for them: videos and pictures, each in one file. Not
 /// among them are playlists and scripts (hls, dash, concat, ...), which name other files.

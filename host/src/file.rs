@@ -100,6 +100,37 @@ pub fn read_regular(path: &Path) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
+/// Fills `out` with the bytes of an open file from `start` on. Threads may read one file at once.
+///
+/// # Errors
+/// When the file cannot be read, or there are not so many bytes.
+#[cfg(unix)]
+pub fn read_exact_at(file: &File, out: &mut [u8], start: u64) -> io::Result<()> {
+    use std::os::unix::fs::FileExt;
+    file.read_exact_at(out, start)
+}
+
+/// Fills `out` with the bytes of an open file from `start` on. Threads may read one file at once.
+///
+/// # Errors
+/// When the file cannot be read, or there are not so many bytes.
+#[cfg(windows)]
+pub fn read_exact_at(file: &File, mut out: &mut [u8], mut start: u64) -> io::Result<()> {
+    use std::os::windows::fs::FileExt;
+    while !out.is_empty() {
+        match file.seek_read(out, start) {
+            Ok(0) => return Err(io::ErrorKind::UnexpectedEof.into()),
+            Ok(n) => {
+                out = &mut out[n..];
+                start += n as u64;
+            }
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+            Err(error) => return Err(error),
+        }
+    }
+    Ok(())
+}
+
 /// Whether this is a device, or a socket.
 #[cfg(unix)]
 fn is_device(kind: FileType) -> bool {
@@ -147,6 +178,19 @@ mod tests {
             let error = read_regular(wrong).expect_err("no regular file").to_string();
             assert!(error.contains("not a regular file"), "{}: {error}", wrong.display());
         }
+    }
+
+    #[test]
+    fn a_part_of_an_open_file_is_read() {
+        let folder = Folder::new("part");
+        let path = folder.0.join("file");
+        fs::write(&path, b"0123456789").expect("writes");
+        let file = File::open(&path).expect("opens");
+        let mut part = [0; 3];
+        read_exact_at(&file, &mut part, 7).expect("reads");
+        assert_eq!(&part, b"789");
+        let error = read_exact_at(&file, &mut part, 8).expect_err("there are two bytes");
+        assert_eq!(error.kind(), io::ErrorKind::UnexpectedEof);
     }
 
     #[test]

@@ -947,8 +947,8 @@ const char *kg_status_text(int32_t status);
 uint32_t kg_abi_version(void);
 
 /**
- * Returns the version of the library as a text, such as "0.1.0". It ends with a zero byte and is
- * never NULL.
+ * Returns the version of the library as a text, three numbers with dots between them. It ends
+ * with a zero byte and is never NULL.
  */
 const char *kg_version_text(void);
 

@@ -18,8 +18,8 @@ pub extern "C" fn kg_abi_version() -> u32 {
     KG_ABI_VERSION
 }
 
-/// Returns the version of the library as a text, such as "0.1.0". It ends with a zero byte and is
-/// never NULL.
+/// Returns the version of the library as a text, three numbers with dots between them. It ends
+/// with a zero byte and is never NULL.
 #[unsafe(no_mangle)]
 pub extern "C" fn kg_version_text() -> *const c_char {
     VERSION.as_ptr()

@@ -7,7 +7,6 @@
 use std::fs::File;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::io;
-use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -106,7 +105,7 @@ impl Entry {
                 out.copy_from_slice(part.ok_or(io::ErrorKind::UnexpectedEof)?);
                 Ok(())
             }
-            Place::File(file) => file.read_exact_at(out, start as u64),
+            Place::File(file) => read_exact_at(file, out, start as u64),
         }
     }
 

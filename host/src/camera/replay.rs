@@ -6,7 +6,7 @@
 //!
 //! Memory: one frame. Cost: decoding.
 
-use std::io;
+use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -122,8 +122,25 @@ pub fn replay(
 
 /// Whether an error is one of the system that passes: too many open files, too little memory.
 fn is_passing(error: &anyhow::Error) -> bool {
-    /// EINTR, EAGAIN, ENOMEM, ENFILE and EMFILE.
-    const PASSING: [i32; 5] = [4, 11, 12, 23, 24];
-    let code = |cause: &(dyn std::error::Error + 'static)| cause.downcast_ref::<io::Error>()?.raw_os_error();
-    error.chain().filter_map(code).any(|code| PASSING.contains(&code))
+    /// Too many open files: ENFILE and EMFILE, `ERROR_TOO_MANY_OPEN_FILES`.
+    const FILES: &[i32] = if cfg!(windows) { &[4] } else { &[23, 24] };
+    const PASSING: [ErrorKind; 3] = [ErrorKind::Interrupted, ErrorKind::WouldBlock, ErrorKind::OutOfMemory];
+    let of_system = |error: &io::Error| {
+        error.raw_os_error().is_some_and(|code| FILES.contains(&code) || PASSING.contains(&error.kind()))
+    };
+    error.chain().filter_map(|cause| cause.downcast_ref::<io::Error>()).any(of_system)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn errors_of_the_system_that_pass_are_told_from_others() {
+        let error = |code| anyhow::Error::from(io::Error::from_raw_os_error(code)).context("cannot open it");
+        // EINTR, ENOMEM, ENFILE, EMFILE; then ENOENT, EACCES.
+        assert!([4, 12, 23, 24].into_iter().all(|code| is_passing(&error(code))));
+        assert!(![2, 13].into_iter().any(|code| is_passing(&error(code))));
+        assert!(!is_passing(&io::Error::from(ErrorKind::OutOfMemory).into()), "a decoder's own");
+    }
 }

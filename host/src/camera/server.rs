@@ -32,6 +32,7 @@ const MOST_CONNECTIONS: usize = 256;
 /// Maximum time until the head of a request has arrived.
 const SILENCE: Duration = Duration::from_secs(10);
 /// Maximum time for which a client may leave its answer unread.
+#[cfg(target_os = "linux")]
 const UNREAD: Duration = Duration::from_secs(30);
 /// Maximum size of the head of a request in bytes.
 const HEAD_BYTES: usize = 16 << 10;

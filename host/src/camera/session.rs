@@ -141,9 +141,19 @@ pub fn list() -> Result<Vec<String>> {
 }
 
 /// The message that there is no camera, and what to do.
-#[cfg(not(all(feature = "camera", target_os = "linux")))]
-const NO_CAMERA: &str = "this program was built without cameras (Linux only): install libclang with `sudo apt-get install libclang-dev` \
+#[cfg(all(not(feature = "camera"), target_os = "linux"))]
+const NO_CAMERA: &str = "this program was built without cameras: install libclang with `sudo apt-get install libclang-dev` \
                          and build with `cargo build --release --features keygraph/camera`, or give --replay VIDEO";
+/// The message that cameras are not read on this system, and what to do.
+#[cfg(windows)]
+const NO_CAMERA: &str = "cameras of this machine are read on Linux only: give a stream with --replay, or pipe the camera through ffmpeg, \
+                         `ffmpeg -f dshow -i video=\"NAME\" -pix_fmt yuv420p -f yuv4mpegpipe - | keygraph camera --replay - ...`; \
+                         see docs/platforms.md";
+/// The message that cameras are not read on this system, and what to do.
+#[cfg(not(any(target_os = "linux", windows)))]
+const NO_CAMERA: &str = "cameras of this machine are read on Linux only: give a stream with --replay, or pipe the camera through ffmpeg, \
+                         `ffmpeg -f avfoundation -framerate 30 -i 0 -pix_fmt yuv420p -f yuv4mpegpipe - | keygraph camera --replay - ...`; \
+                         see docs/platforms.md";
 
 /// Lines that describe all cameras.
 ///

@@ -9,7 +9,6 @@
 use std::collections::BTreeMap;
 use std::fs::{self, File, Metadata};
 use std::io::{self, ErrorKind, Read, Write};
-use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
@@ -27,19 +26,31 @@ const ABANDONED: Duration = Duration::from_secs(3600);
 /// What tells one content of a file from another, without reading it. Every change of a file changes it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Stamp {
-    /// Device and number of the file.
+    /// Device and number of the file, where the system tells them.
     file: [u64; 2],
     bytes: u64,
-    /// Seconds and nanoseconds of the last change of the content, and of anything.
+    /// Seconds and nanoseconds of the last change of the content, and of anything; elsewhere two times in steps of
+    /// 100 ns.
     times: [i64; 4],
 }
 
 impl Stamp {
     /// The stamp of a file.
     #[must_use]
+    #[cfg(unix)]
     pub fn of(file: &Metadata) -> Self {
+        use std::os::unix::fs::MetadataExt;
         let times = [file.mtime(), file.mtime_nsec(), file.ctime(), file.ctime_nsec()];
         Self { file: [file.dev(), file.ino()], bytes: file.size(), times }
+    }
+
+    /// The stamp of a file.
+    #[must_use]
+    #[cfg(windows)]
+    pub fn of(file: &Metadata) -> Self {
+        use std::os::windows::fs::MetadataExt;
+        let times = [file.last_write_time().cast_signed(), file.creation_time().cast_signed(), 0, 0];
+        Self { file: [0; 2], bytes: file.file_size(), times }
     }
 }
 

@@ -1,4 +1,4 @@
-//! SIGINT and SIGTERM, in a thread of their own.
+//! SIGINT and SIGTERM (on Windows what a console sends), in a thread of their own.
 //!
 //! In: signals. Out: the source of frames is closed, and with it all threads end. Whatever
 //! they do, the program ends: after `LONGEST_END`, or at a second signal, this thread ends it.
@@ -13,7 +13,10 @@ use std::thread;
 use std::time::Duration;
 
 use tokio::runtime::{Builder, Runtime};
+#[cfg(unix)]
 use tokio::signal::unix::{Signal, SignalKind, signal};
+#[cfg(windows)]
+use tokio::signal::windows::{CtrlBreak, CtrlC, CtrlClose, ctrl_break, ctrl_c, ctrl_close};
 
 use super::live::Live;
 use crate::ending::{tidy, within};
@@ -37,21 +40,52 @@ pub fn watch(live: Arc<Live>, overdue: i32) -> io::Result<()> {
     let runtime = Builder::new_current_thread().enable_io().enable_time().build()?;
     let signals = {
         let _inside = runtime.enter();
-        Signals { interrupt: signal(SignalKind::interrupt())?, terminate: signal(SignalKind::terminate())? }
+        Signals::listen()?
     };
     thread::Builder::new().name("signals".into()).spawn(move || end_on_signal(&runtime, signals, live, overdue))?;
     Ok(())
 }
 
 /// The signals that end the program.
+#[cfg(unix)]
 struct Signals {
     interrupt: Signal,
     terminate: Signal,
 }
 
+#[cfg(unix)]
 impl Signals {
+    /// From now on, these signals no longer end the program at once. It is called inside of a runtime.
+    fn listen() -> io::Result<Self> {
+        Ok(Self { interrupt: signal(SignalKind::interrupt())?, terminate: signal(SignalKind::terminate())? })
+    }
+
     async fn next(&mut self) {
         tokio::select! { _ = self.interrupt.recv() => {}, _ = self.terminate.recv() => {} }
+    }
+}
+
+/// The signals that end the program: keys, and that the window is closed.
+#[cfg(windows)]
+struct Signals {
+    interrupt: CtrlC,
+    terminate: CtrlBreak,
+    close: CtrlClose,
+}
+
+#[cfg(windows)]
+impl Signals {
+    /// From now on, these signals no longer end the program at once. It is called inside of a runtime.
+    fn listen() -> io::Result<Self> {
+        Ok(Self { interrupt: ctrl_c()?, terminate: ctrl_break()?, close: ctrl_close()? })
+    }
+
+    async fn next(&mut self) {
+        tokio::select! {
+            _ = self.interrupt.recv() => {}
+            _ = self.terminate.recv() => {}
+            _ = self.close.recv() => {}
+        }
     }
 }
 

@@ -62,7 +62,7 @@ static kg_frame whole(const unsigned char *pixels) {
 
 static void texts_and_names(void) {
     HOLDS(kg_abi_version() == KG_ABI_VERSION);
-    HOLDS(strcmp(kg_version_text(), "0.1.0") == 0);
+    HOLDS(strcmp(kg_version_text(), VERSION) == 0);
     HOLDS(strcmp(kg_status_text(KG_OK), "ok") == 0);
     HOLDS(strcmp(kg_status_text(12345), kg_status_text(-12345)) == 0);
     HOLDS(strcmp(kg_stage_name(0), "convert") == 0);
