@@ -15,6 +15,7 @@ use keygraph_core::Model;
 use serde_json::{Value, json};
 
 use super::shelf::{Shelf, Stamp};
+use crate::file::read_exact_at;
 use crate::output::plain;
 
 /// One model as it was given.
