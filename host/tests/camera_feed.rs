@@ -137,17 +137,17 @@ fn a_camera_without_frames_has_no_snapshot() {
 fn a_stream_gives_new_frames_at_the_rate_that_is_asked_for() {
     let sequence = assets().join("sequence");
     let live = Live::start(&["--replay", sequence.to_str().unwrap(), "--fps", "60", "--web", "127.0.0.1:0"]);
-    for (query, outlines) in [("?outlines=0&fps=5", false), ("?fps=5", true)] {
-        let mut stream = Stream::open(&live, query);
-        let mut last = decode(&stream.picture());
+    for query in ["?outlines=0&fps=5", "?fps=5"] {
         let start = Instant::now();
-        for _ in 0..10 {
-            let next = decode(&stream.picture());
-            assert!(next.dimensions() == (640, 480) && next != last, "the same frame again, outlines: {outlines}");
-            last = next;
-        }
+        let mut stream = Stream::open(&live, query);
+        let mut pictures: Vec<_> = (0..11).map(|_| stream.picture()).collect();
         let time = start.elapsed();
-        assert!(time > Duration::from_millis(1700), "10 frames in {time:?} at 5 a second");
+        assert!(time > Duration::from_millis(1990), "11 frames in {time:?} at 5 a second");
+        assert!(pictures.iter().all(|jpeg| decode(jpeg).dimensions() == (640, 480)));
+        // The sequence starts anew after 48 frames: two of eleven may be the same.
+        pictures.sort();
+        pictures.dedup();
+        assert!(pictures.len() > 4, "{} different pictures of 11, {query}", pictures.len());
     }
     for query in ["?fps=0", "?fps=26", "?fps=NaN", "?fps=x"] {
         let refused = live.get(&format!("/stream.mjpg{query}"));
