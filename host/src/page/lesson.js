@@ -152,13 +152,13 @@ addEventListener('dragover', event => {
   $('drop').hidden = false;
 });
 addEventListener('dragleave', event => { if (!event.relatedTarget) $('drop').hidden = true; });
-addEventListener('drop', attempt(async event => {
+const takeDropped = attempt(async event => {
   $('drop').hidden = true;
   const [file] = event.dataTransfer.files;
-  if (!file) throw new Error('Drop a file: a picture or a model.');
   if (/\.kgm$/i.test(file.name)) await load([file]);
   else await learnFromPicture(file);
-}));
+});
+addEventListener('drop', event => { if (carriesFiles(event)) takeDropped(event); });
 
 // ---------------------------------------------------------------- training
 
