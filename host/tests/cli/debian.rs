@@ -32,7 +32,8 @@ fn every_file_of_the_package_is_there_or_is_made() {
     if Command::new("python3").arg("--version").output().is_err() {
         assert!(std::env::var_os("KEYGRAPH_MUST_NOT_SKIP").is_none(), "no python3, and nothing may be skipped");
         // A print would be hidden.
-        let _ = writeln!(std::io::stderr(), "SKIPPED: no python3 for scripts/package-deb: sudo apt-get install python3");
+        let _ =
+            writeln!(std::io::stderr(), "SKIPPED: no python3 for scripts/package-deb: sudo apt-get install python3");
         return;
     }
     let folder = Folder::new("debian");
