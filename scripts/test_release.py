@@ -4,8 +4,10 @@
 python3 scripts/test_release.py
 """
 
+import os
 import shutil
 import subprocess
+import tarfile
 import tempfile
 import types
 import unittest
@@ -108,6 +110,31 @@ class Versions(unittest.TestCase):
         self.assertEqual(self.differing(), ["bindings/web/package.json names no version"])
         self.change("bindings/c/packages/arduino/library.properties", "@VERSION@", self.version)
         self.assertEqual(len(self.differing()), 2)
+
+
+class Archives(unittest.TestCase):
+    def setUp(self):
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        self.out = Path(folder.name)
+        (self.out / "made/lib").mkdir(parents=True)
+        (self.out / "made/lib/libkeygraph.so.1").write_text("library")
+        (self.out / "made/lib/libkeygraph.so").symlink_to("libkeygraph.so.1")
+
+    def test_one_folder_gives_one_archive(self):
+        first = release.pack(self.out / "a.tar.gz", self.out / "made", "keygraph-1.3.0")
+        os.utime(self.out / "made/lib/libkeygraph.so.1", (0, 0))
+        second = release.pack(self.out / "b.tar.gz", self.out / "made", "keygraph-1.3.0")
+        self.assertEqual(first.read_bytes(), second.read_bytes())
+        with tarfile.open(first) as tar:
+            self.assertIn("keygraph-1.3.0/lib/libkeygraph.so", tar.getnames())
+            self.assertTrue(tar.getmember("keygraph-1.3.0/lib/libkeygraph.so").issym())
+
+    def test_what_is_wanted_stays(self):
+        (self.out / "made/a.whl").write_text("wheel")
+        kept = release.keep(self.out, "made", ["*.whl", "*.tar.gz"])
+        self.assertEqual(kept, [self.out / "a.whl"])
+        self.assertFalse((self.out / "made").exists())
 
 
 if __name__ == "__main__":
