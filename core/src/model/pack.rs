@@ -12,8 +12,7 @@
 //! chroma beside models in colour. Second tiers that are empty in all objects are left out of a part.
 //!
 //! Memory: 7 KB of stack for [`pack`]. Cost: one pass over the bytes, a heap sort of every subset
-//! of the lists, and one look at the surroundings of each keygraph to choose the most likely ones (about
-//! 10 ms for each object).
+//! of the lists, and one look at the surroundings of each keygraph to choose the most likely ones.
 
 use core::ops::Range;
 

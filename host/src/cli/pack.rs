@@ -78,7 +78,7 @@ fn merge(arguments: &Arguments, output: &Path) -> Result<()> {
     compare(arguments, &parts, &counts, |_| true)
 }
 
-fn change(arguments: &Arguments, all: &PathBuf, output: Option<&Path>) -> Result<()> {
+fn change(arguments: &Arguments, all: &Path, output: Option<&Path>) -> Result<()> {
     let Changes { add, replace, remove } = &arguments.changes;
     ensure!(
         output.is_some() || all.is_file() || !all.exists(),
@@ -89,7 +89,7 @@ fn change(arguments: &Arguments, all: &PathBuf, output: Option<&Path>) -> Result
     let output = output.unwrap_or(all);
     check_model_output(output, &Inputs::of(new.iter().map(PathBuf::as_path)))?;
 
-    let paths: Vec<_> = [all.clone()].into_iter().chain(new).collect();
+    let paths: Vec<_> = [all.to_path_buf()].into_iter().chain(new).collect();
     let bytes = read_all(&paths)?;
     let models = parse_all(&bytes, &paths)?;
     let (before, new) = (&models[0], &models[1..]);
