@@ -91,8 +91,10 @@ pub struct Review {
     pub warnings: Vec<String>,
     /// How the object is found in its own picture; `None` when it is not.
     pub found: Option<Own>,
-    /// What else about the picture makes the object harder to find.
+    /// What else about the picture makes the object harder to find. That it has no colour is not among it.
     pub limits: Vec<Limit>,
+    /// Whether nothing about the picture makes the object hard to find; `None` when it is not judged.
+    pub is_good: Option<bool>,
 }
 
 /// How an object is found in its own picture.
@@ -121,7 +123,7 @@ pub fn of_model(label: &str, name: &str, picture: &Picture, model: &Model<'_>, t
         let off = d.corners.iter().zip(whole).map(|(c, at)| (c[0] - at[0]).hypot(c[1] - at[1]));
         Own { score: d.score, off_px: off.sum::<f32>() / 4.0 }
     });
-    let mut limits = Vec::new();
+    let (mut limits, mut is_good) = (Vec::new(), None);
     // The paper's method is for comparison: its models need no advice.
     if model.method() == Method::Keygraph {
         let structure = structure(model, 0);
@@ -131,14 +133,15 @@ pub fn of_model(label: &str, name: &str, picture: &Picture, model: &Model<'_>, t
         limits.retain(|l| match l.kind {
             "repeated pattern" => repeats.is_none(),
             "few corners" | "small" | "elongated" => few.is_none(),
-            _ => true,
+            kind => kind != "no chroma",
         });
+        is_good = Some(limits.is_empty() && few.is_none() && repeats.is_none() && found.is_some());
         warnings.extend(few.into_iter().chain(repeats).map(|told| format!("{label} {told}")));
         if found.is_none() {
             warnings.push(not_found_in_itself(label));
         }
     }
-    Ok(Review { warnings, found, limits })
+    Ok(Review { warnings, found, limits, is_good })
 }
 
 /// Says what is wrong with a picture that gave training too little, and what to do; the

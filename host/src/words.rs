@@ -57,10 +57,11 @@ pub fn trained(model: &Model<'_>, label: &str, size: (u32, u32), review: &Review
         Some(own) => format!("yes, in its own picture: score {:.2}, outline {:.1} px off", own.score, own.off_px),
         None => "no, not even in its own picture".into(),
     };
-    let good = match (review.warnings.is_empty(), review.limits.is_empty()) {
-        (true, true) => "good: enough corners and contrast, and nothing that repeats",
-        (false, true) => "could be better, as said above",
-        (_, false) => "could be better:",
+    let good = match review.is_good {
+        None => "not judged: the method of the paper is for comparison",
+        Some(true) => "good: enough corners and contrast, and nothing that repeats",
+        Some(false) if review.limits.is_empty() => "could be better, as said above",
+        Some(false) => "could be better:",
     };
     let file = path.display().to_string();
     let mut lines = vec![

@@ -56,7 +56,7 @@ pub struct Arguments {
     #[arg(long)]
     json: bool,
     /// Add what training made and what the model holds, in numbers
-    #[arg(short, long, conflicts_with_all = ["json", "quiet"])]
+    #[arg(short, long, conflicts_with = "json")]
     verbose: bool,
     /// How the picture is taken from a camera.
     #[cfg(feature = "live")]
@@ -161,7 +161,7 @@ pub fn check_colour(picture: &Picture, label: &str, plan: &Plan) -> Result<()> {
 /// that it will be used with.
 fn tell(arguments: &Arguments, label: &str, learned: &Learned, beside: &[Vec<u8>]) -> Result<()> {
     let model = Model::parse(&learned.model)?;
-    let mut review = advice::of_model(label, &learned.name, &learned.picture, &model, &learned.trained)?;
+    let review = advice::of_model(label, &learned.name, &learned.picture, &model, &learned.trained)?;
     review.warnings.iter().for_each(|said| notice(&plain(said)));
     let alike = tell_beside(&model.object(0), beside, &arguments.shared)?;
     if arguments.json {
@@ -176,8 +176,6 @@ fn tell(arguments: &Arguments, label: &str, learned: &Learned, beside: &[Vec<u8>
     if is_quiet() {
         return Ok(());
     }
-    // That luma is used alone was asked for, or is said already.
-    review.limits.retain(|l| l.kind != "no chroma");
     let size = (learned.picture.width, learned.picture.height);
     print_line(&words::trained(&model, label, size, &review, &arguments.output))?;
     if arguments.verbose {

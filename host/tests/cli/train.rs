@@ -80,6 +80,8 @@ fn the_report_is_for_users_and_its_numbers_are_extra() {
     assert!(!run.out.contains("subsets"), "{}", run.out);
     let long = keygraph!("train", picture("astronaut"), "-o", model, "--verbose").ended_with(0).out;
     assert!(long.starts_with(&run.out) && long.contains("subsets ") && long.contains("views "), "{long}");
+    let paper = keygraph!("train", picture("astronaut"), "-o", model, "--preset", "paper").ended_with(0).out;
+    assert!(paper.contains("picture    not judged"), "{paper}");
     // What limits a picture is told with what to do, once.
     let (dull, model) = (folder.join("dull.png"), folder.join("dull.kgm"));
     let mut photo = image::open(picture("coffee")).unwrap().into_rgb8();
