@@ -10,6 +10,7 @@ figures are of no record, and says why.
 import json
 import os
 import re
+import sys
 
 from places import DOCS, INSTRUCTIONS, ROOT
 from record import read_record
@@ -53,8 +54,16 @@ def check():
 
 
 def with_tables(text):
-    """The page with its tables as the records have them."""
-    return TABLE.sub(lambda m: f"<!-- table: {m[1]} -->\n" + "\n".join(TABLES[m[1]]()) + "\n<!-- end -->", text)
+    """The page with its tables as the records have them; a table whose record lacks something stays as it is."""
+
+    def table(match):
+        try:
+            return f"<!-- table: {match[1]} -->\n" + "\n".join(TABLES[match[1]]()) + "\n<!-- end -->"
+        except (KeyError, FileNotFoundError) as error:
+            print(f"the table {match[1]} stays as it is, its record lacks {error}", file=sys.stderr)
+            return match[0]
+
+    return TABLE.sub(table, text)
 
 
 def problems(path, text):
@@ -75,7 +84,11 @@ def compare(words, places):
     """Looks for the values of `places` in the paragraph, in this order; gives what is missing."""
     at, wrong = 0, []
     for place in places:
-        value = formatted(place)
+        try:
+            value = formatted(place)
+        except (KeyError, FileNotFoundError) as error:
+            wrong.append(f"{place} is in no record: {error}")
+            continue
         found = re.compile(rf"(?<![\w.,]){re.escape(value)}(?![\w]|[.,]\d)", re.I).search(words, at)
         if found:
             at = found.end()
