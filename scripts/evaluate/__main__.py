@@ -74,11 +74,10 @@ MODULES = {
     "rivals": "rivals",
     "mixed": "mixed",
     "costs": "measure",
-    "tracking": "measure",
     "measure": "measure",
 }
 # Modules that a command needs beside cv2 and numpy, where it is not matplotlib.
-OTHER_PACKAGES = {"rivals": [], "costs": [], "tracking": [], "fit": ["matplotlib", "sklearn"]}
+OTHER_PACKAGES = {"rivals": [], "costs": [], "fit": ["matplotlib", "sklearn"]}
 OBJECTS = [os.path.join(PICTURES, f"{name}.jpg") for name in ("astronaut", "chelsea", "coffee", "hubble", "rocket")]
 
 
@@ -126,7 +125,6 @@ def parser():
     add_pictures(c)
     add_frames(c, 40, "of each kind and object")
     command("costs", "Time of training, of a folder of frames and of a start")
-    add_tracking(command("tracking", "Tracking beside searching every frame"))
     add_measure(command("measure", "Measures what the pages show, and writes records, figures and tables"))
     return p
 
@@ -287,11 +285,6 @@ def add_rivals(c):
     c.add_argument("--presets", nargs="+", default=["large", "standard", "compact"], metavar="PRESET")
 
 
-def add_tracking(c):
-    """Options of `tracking`."""
-    c.add_argument("--videos", nargs="*", default=[], metavar="TRUTH.json", help="truth files of videos")
-
-
 def add_measure(c):
     """Options of `measure`."""
     c.add_argument("parts", nargs="*", metavar="PART", help="what is measured [default: all that --help lists]")
@@ -303,7 +296,6 @@ def add_measure(c):
         metavar="DIR",
         help="JSON files of a scorer of photographs: large.json, standard.json, ... (accuracy)",
     )
-    c.add_argument("--videos", nargs="*", default=[], metavar="TRUTH.json", help="truth files of videos (tracking)")
 
 
 def positive(text):

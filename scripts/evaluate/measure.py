@@ -13,22 +13,20 @@ from statistics import median
 
 import cv2
 from pages import update
-from places import PICTURES, ROOT, SEQUENCE
+from places import PICTURES, SEQUENCE
 from record import FIGURES, write_record
 
 # Part -> the options with which its command is run, and the minutes that it takes on two cores.
 PARTS = {
     "rivals": ([], 2),
-    "mixed": ([], 4),
+    "mixed": (["--frames", "16"], 2),
     "costs": ([], 1),
     "precision": ([], 2),
     "calibration": ([], 3),
     "economy": (["--frames", "12"], 12),
     "curves": (["--frames", "3"], 10),
     "growth": ([], 30),
-    "tracking": ([], 3),
 }
-TRACK_EVAL = os.path.join(ROOT, "scripts", "track-eval")
 # Files of the scorer: a run each.
 SCORES = ("large", "standard", "compact", "luma", "paper", "rivals", "hard")
 
@@ -46,8 +44,7 @@ def measure(args, folder):
     )
     for part in parts:
         print(f"== {part}", flush=True)
-        videos = ["--videos", *args.videos] if part == "tracking" else []
-        numbers = args.run(part, [*PARTS[part][0], *videos, "--keygraph", args.keygraph])
+        numbers = args.run(part, [*PARTS[part][0], "--keygraph", args.keygraph])
         if part not in FIGURES:
             write_record(part, numbers, args.keygraph)
     for wrong in update():
@@ -124,22 +121,6 @@ def costs(args, folder):
     for name, value in numbers.items():
         print(f"{name}: {value}")
     return numbers
-
-
-def tracking(args, folder):
-    """The table of scripts/track-eval, over rendered sequences and the videos that are given."""
-    told = [subprocess.run([TRACK_EVAL], check=True, stdout=subprocess.PIPE, text=True).stdout]
-    if args.videos:
-        told.insert(0, subprocess.run([TRACK_EVAL, *args.videos], check=True, stdout=subprocess.PIPE, text=True).stdout)
-    tables = [[cells(line) for line in text.splitlines() if line.startswith("|")] for text in told]
-    numbers = {"columns": tables[0][0], "rows": [row for table in tables for row in table[2:]]}
-    print("\n".join(told))
-    return numbers
-
-
-def cells(line):
-    """The cells of a line of a table."""
-    return [cell.strip() for cell in line.strip().strip("|").split("|")]
 
 
 def seconds(command, times=3):

@@ -144,12 +144,6 @@ def growth():
     return head(["objects", "found", "ms a frame", "pack, MB", "first frame after, s"]) + lines
 
 
-def tracking():
-    """Tracking beside searching."""
-    told = read_record("tracking")
-    return head(told["columns"]) + [row(r) for r in told["rows"]]
-
-
 def head(columns):
     """The first two lines of a table."""
     return [row(columns), row(["---"] * len(columns))]
@@ -167,5 +161,4 @@ TABLES = {
     "mixed": mixed,
     "stages": stages,
     "growth": growth,
-    "tracking": tracking,
 }
