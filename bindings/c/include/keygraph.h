@@ -1061,6 +1061,20 @@ kg_status kg_detector_begin(struct kg_detector *detector,
                             const struct kg_observer *observer);
 
 /**
+ * Begins to search the frame that was read last for the objects of another model, such as one that lies
+ * elsewhere in flash: the frame's buffer may hold the next frame by now, and models need not be
+ * merged. What was found so far is given up: take it before. A detector that has read no frame finds
+ * nothing. The rest is as in kg_detector_begin().
+ *
+ * Returns KG_MORE, or KG_ERROR_HANDLE, KG_ERROR_BUSY, KG_ERROR_OPTION, KG_ERROR_FORMAT, KG_ERROR_NULL,
+ * KG_ERROR_ALIGNMENT, KG_ERROR_LENGTH.
+ */
+kg_status kg_detector_begin_again(struct kg_detector *detector,
+                                  const struct kg_model *model,
+                                  const struct kg_options *options,
+                                  const struct kg_observer *observer);
+
+/**
  * Does the next piece of a search. The longest one finds the corners and triangles of the finest
  * level. The budget of the observer counts from kg_detector_begin() on.
  *
