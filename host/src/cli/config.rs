@@ -5,10 +5,9 @@
 //! if the command line or the environment gives it, or gives one that it does not go with. A relative path is one from
 //! the folder of the file. Memory and cost: the file.
 
+use std::env;
 use std::ffi::OsString;
-use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
-use std::{env, fs};
 
 use anyhow::{Context, Result};
 use clap::error::{ContextKind, ContextValue, ErrorKind};
@@ -243,15 +242,31 @@ fn readable_secret(path: &Path, settings: &[Setting], file: &str) -> Option<Stri
         setting.name == "token" || setting.arguments.iter().any(has_password)
     };
     let secret = settings.iter().find(is_secret)?;
-    let mode = fs::metadata(path).ok()?.permissions().mode();
+    let mode = mode_of(path)?;
     let (line, name) = (secret.line, &secret.name);
     (mode & READ_BY_ALL != 0)
         .then(|| format!("{file}, line {line}: everybody may read {name}, which is secret: chmod 600 {file}"))
 }
 
+/// Who may read and write a file, where the system has such a number.
+#[cfg(unix)]
+fn mode_of(path: &Path) -> Option<u32> {
+    use std::fs;
+    use std::os::unix::fs::PermissionsExt;
+    Some(fs::metadata(path).ok()?.permissions().mode())
+}
+
+/// Who may read and write a file, where the system has such a number.
+#[cfg(not(unix))]
+fn mode_of(_: &Path) -> Option<u32> {
+    None
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::fs;
+    use std::os::unix::fs::PermissionsExt;
 
     /// A file of options in a folder of its own.
     struct File(PathBuf);
