@@ -6,7 +6,7 @@
 //! a slow viewer gets fewer frames, and nothing waits for it.
 //!
 //! Memory: a JPEG for all viewers, and what the sockets hold. Cost: while somebody wants
-//! outlines, a second JPEG a frame, [`MOST_FPS`] a second at most, in the painter's thread.
+//! outlines, a second JPEG a frame, `MOST_FPS` a second at most, in the painter's thread.
 
 use std::convert::Infallible;
 use std::sync::Arc;
