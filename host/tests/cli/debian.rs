@@ -68,8 +68,10 @@ fn every_file_of_the_package_is_there_or_is_made() {
 
     let unit = fs::read_to_string(stage.join("keygraph.service")).unwrap();
     assert!(unit.starts_with("[Unit]"), "the instructions are left out: {unit}");
-    assert!(unit.contains("ExecStart=/usr/bin/keygraph camera --models /var/lib/keygraph"), "{unit}");
+    assert!(unit.contains("ExecStart=/usr/bin/keygraph camera --config /etc/keygraph/keygraph.toml\n"), "{unit}");
     assert!(!unit.contains("/usr/local") && !unit.contains("cover.kgm"), "{unit}");
+    let options = fs::read_to_string(root.join("docs/keygraph.toml")).unwrap();
+    assert!(options.contains("\nmodels = \"/var/lib/keygraph\""), "what is learned is kept where the unit may write");
     let page = fs::read(stage.join("man1/keygraph-camera.1.gz")).unwrap();
     assert!(page.starts_with(&[0x1f, 0x8b]), "pages of the manual are compressed");
 }
