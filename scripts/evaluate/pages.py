@@ -10,7 +10,6 @@ figures are of no record, and says why.
 import json
 import os
 import re
-import sys
 
 from places import DOCS, INSTRUCTIONS, ROOT
 from record import read_record
@@ -26,44 +25,45 @@ COMMENT = re.compile(r"<!-- (measured|given): (.*?) -->", re.S)
 
 def update():
     """Writes the tables of all pages; gives what is wrong with their other figures."""
-    wrong = []
-    for path in PAGES:
-        with open(path, encoding="utf-8") as f:
-            old = f.read()
-        new = with_tables(old)
-        if new != old:
-            with open(path, "w", encoding="utf-8") as f:
-                f.write(new)
-            print(f"wrote {os.path.relpath(path, ROOT)}", flush=True)
-        wrong += problems(path, new)
-    return wrong
+    return review(write=True)
 
 
 def check():
     """What is wrong with the figures of all pages."""
+    return review(write=False)
+
+
+def review(write):
+    """What is wrong with the figures of all pages, after their tables were written if `write` says so."""
     wrong = []
     for path in PAGES:
+        where = os.path.relpath(path, ROOT)
         with open(path, encoding="utf-8") as f:
-            text = f.read()
-        wrong += problems(path, text)
-        if with_tables(text) != text:
-            wrong.append(
-                f"{os.path.relpath(path, ROOT)}: a table is not that of its record; scripts/measure --pages writes it"
-            )
+            old = f.read()
+        new, lacking = with_tables(old)
+        wrong += [f"{where}: {lack}" for lack in lacking]
+        if new != old and write:
+            with open(path, "w", encoding="utf-8") as f:
+                f.write(new)
+            print(f"wrote {where}", flush=True)
+        elif new != old:
+            wrong.append(f"{where}: a table is not that of its record; scripts/measure --pages writes it")
+        wrong += problems(path, new)
     return wrong
 
 
 def with_tables(text):
-    """The page with its tables as the records have them; a table whose record lacks something stays as it is."""
+    """The page with its tables as the records have them, and what the records lack; such a table stays as it is."""
+    lacking = []
 
     def table(match):
         try:
             return f"<!-- table: {match[1]} -->\n" + "\n".join(TABLES[match[1]]()) + "\n<!-- end -->"
         except (KeyError, FileNotFoundError) as error:
-            print(f"the table {match[1]} stays as it is, its record lacks {error}", file=sys.stderr)
+            lacking.append(f"the table {match[1]} cannot be made: {error} is in no record")
             return match[0]
 
-    return TABLE.sub(table, text)
+    return TABLE.sub(table, text), lacking
 
 
 def problems(path, text):
@@ -123,7 +123,10 @@ def value_of(keys):
         value = read_record(keys[0])
         for key in keys[1:]:
             # A name with spaces is written with lines: Keygraph_large.
-            value = value[int(key)] if isinstance(value, list) else value.get(key, value.get(key.replace("_", " ")))
+            if isinstance(value, list):
+                value = value[int(key)]
+            else:
+                value = value[key if key in value else key.replace("_", " ")]
         return value
     _, method, kind, *names, key = keys
     if kind == "absent":

@@ -15,10 +15,16 @@ class Figures(unittest.TestCase):
         self.assertEqual(pages.check(), [])
 
     def test_a_table_is_written_from_its_record(self):
-        text = pages.with_tables("before\n<!-- table: growth -->\n| old |\n<!-- end -->\nafter\n")
+        text, lacking = pages.with_tables("before\n<!-- table: growth -->\n| old |\n<!-- end -->\nafter\n")
         self.assertTrue(text.startswith("before\n<!-- table: growth -->\n| objects | found |"), text)
         self.assertTrue(text.endswith("|\n<!-- end -->\nafter\n"), text)
-        self.assertEqual(pages.with_tables(text), text)
+        self.assertEqual((pages.with_tables(text), lacking), ((text, []), []))
+
+    def test_a_table_of_no_record_is_told(self):
+        page = "<!-- table: no-such -->\n| old |\n<!-- end -->\n"
+        text, lacking = pages.with_tables(page)
+        self.assertEqual((text, len(lacking)), (page, 1))
+        self.assertIn("no record", pages.compare("12", ["growth.no_such"])[0])
 
     def test_figures_are_looked_for_in_their_order(self):
         shown = pages.formatted("growth.objects.0.frames")

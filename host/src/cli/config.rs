@@ -15,7 +15,7 @@ use clap::parser::ValueSource;
 use clap::{Arg, ArgAction, ArgMatches, Command, CommandFactory, Error, Parser, ValueHint};
 use keygraph::file::read_whole;
 use keygraph::input::{is_stdin, is_url};
-use keygraph::output::{plain, plain_lines};
+use keygraph::output::plain;
 use toml::de::{DeTable, DeValue};
 
 use super::Cli;
@@ -36,22 +36,16 @@ struct Setting {
     arguments: Vec<OsString>,
 }
 
-/// Reads the command line of the program, with the options of the file that it names. Ends the program with status 2
-/// when they are wrong.
+/// Reads the command line of the program, with the options of the file that it names. Returns warnings too. Ends the
+/// program with status 2 when options are wrong.
 ///
 /// # Errors
 /// When the file cannot be read.
-pub fn parse() -> Result<Cli> {
-    match complete(&env::args_os().collect::<Vec<_>>()) {
-        Ok((cli, warnings)) => {
-            warnings.iter().for_each(|warning| eprintln!("keygraph: {}", plain_lines(warning)));
-            Ok(cli)
-        }
-        Err(error) => match error.downcast::<Error>() {
-            Ok(wrong) => wrong.exit(),
-            Err(unreadable) => Err(unreadable),
-        },
-    }
+pub fn parse() -> Result<(Cli, Vec<String>)> {
+    complete(&env::args_os().collect::<Vec<_>>()).map_err(|error| match error.downcast::<Error>() {
+        Ok(wrong) => wrong.exit(),
+        Err(unreadable) => unreadable,
+    })
 }
 
 /// Reads a command line `given`, with the options of the file that it names. Returns warnings too.

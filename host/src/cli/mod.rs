@@ -41,7 +41,8 @@ use anyhow::Context;
 use anyhow::Result;
 use clap::error::ErrorKind;
 use clap::{ColorChoice, CommandFactory, Parser, Subcommand};
-use keygraph::notice::{keep_quiet, set_colours};
+use keygraph::notice::{keep_quiet, notice, set_colours};
+use keygraph::output::plain_lines;
 
 /// Finds planar objects (books, posters, boxes, signs) in camera frames from one
 /// picture of each.
@@ -127,20 +128,22 @@ impl Command {
 /// Reads the command line and runs the command.
 ///
 /// # Errors
-/// When the command fails, a file of options cannot be read, or signals cannot be waited for. A wrong command line ends the program with status 2.
+/// When the command fails, a file of options cannot be read, or signals cannot be waited for. A wrong command line ends
+/// the program with status 2.
 pub fn run() -> Result<ExitCode> {
     // A wrong command line is told in colours or without, too.
     if let Some(when) = wanted_colours(env::args_os()) {
         set_colours(when);
     }
     #[cfg(feature = "live")]
-    let cli = config::parse()?;
+    let (cli, warnings) = config::parse()?;
     #[cfg(not(feature = "live"))]
-    let cli = Cli::parse();
+    let (cli, warnings) = (Cli::parse(), Vec::<String>::new());
     set_colours(cli.color);
     if cli.quiet {
         keep_quiet();
     }
+    warnings.iter().for_each(|warning| notice(&plain_lines(warning)));
     #[cfg(feature = "live")]
     if !cli.command.is_live() {
         keygraph::ending::end_at_signals().context("signals cannot be waited for")?;
