@@ -187,7 +187,7 @@ pub mod stages {
         pub use crate::image::frame::{MAX_SIDE, MIN_SIDE};
         pub use crate::image::pixels::{DARK, NO_CHROMA};
     }
-    pub use crate::image::{plane, pyramid, shrink};
+    pub use crate::image::{plane, pyramid, shrink, squeeze};
 
     pub use crate::extract::{corners, delaunay, keygraph, rank};
     /// Features of keygraphs: up to 36 bytes that change neither with the light nor with the pose.

@@ -19,6 +19,7 @@
 //! - [`region`]: the part of a frame that is searched
 //! - [`request`]: how frames are searched
 //! - [`search`]: one frame through a detector of the right size
+//! - [`wide`]: a picture searched for what is seen from far to the side, too
 //! - [`trail`]: frames in order through a tracker
 //! - [`margins`]: plain margins of a picture
 //! - [`cutout`]: the object cut out of a picture, seen from the front
@@ -66,6 +67,7 @@ pub mod sensor;
 pub mod region;
 pub mod request;
 pub mod search;
+pub mod wide;
 pub mod trail;
 pub mod margins;
 pub mod cutout;

@@ -84,6 +84,16 @@ impl CameraArguments {
         if is_idle { Some("--intrinsics needs --width-mm, or --distortion") } else { None }
     }
 
+    /// Whether the lens is given.
+    #[must_use]
+    pub const fn has_lens(&self) -> bool {
+        #[cfg(feature = "calibrate")]
+        if self.lens.is_some() {
+            return true;
+        }
+        self.distortion.is_some()
+    }
+
     /// The camera's lens.
     ///
     /// # Errors

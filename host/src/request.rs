@@ -99,6 +99,9 @@ pub struct Request {
     pub format: Option<PixelFormat>,
     /// How much of each frame is searched, and for how much of the model.
     pub depth: Depth,
+    /// Whether pictures are searched for what is seen from far to the side, too, as
+    /// [`search_widely`](crate::wide::search_widely) does.
+    pub wide: bool,
     /// Whether to report digests. Frames of a sequence have none.
     pub digests: bool,
 }
@@ -170,6 +173,7 @@ impl Request {
             mirror: false,
             format: None,
             depth: Depth::Usual,
+            wide: false,
             digests: false,
         }
     }

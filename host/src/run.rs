@@ -6,6 +6,7 @@
 //! Cost: that of the search, divided by the threads.
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -22,8 +23,9 @@ use crate::input::{Kind, Pending, Picture, Source, SourceFrame};
 use crate::lens::Optics;
 use crate::output::plain;
 use crate::pose::{Calibration, Place};
-use crate::search::{Found, MAX_THREADS, Request, search_for};
+use crate::search::{Found, MAX_THREADS, Request};
 use crate::trail::Trail;
+use crate::wide::search_widely;
 
 /// How frames are searched.
 #[derive(Clone, Copy, Debug)]
@@ -92,6 +94,10 @@ pub fn run(
     mut each: impl FnMut(Outcome) -> Result<()>,
 ) -> Result<()> {
     let threads = if options.track { 1 } else { options.threads.clamp(1, MAX_THREADS) };
+    // Of few pictures, several threads search one widely.
+    let few = source.len_hint().map_or(threads, |n| usize::try_from(n).unwrap_or(threads).clamp(1, threads));
+    let share = if options.request.wide { threads / few } else { 1 };
+    let threads = threads / share;
     let (jobs, queue) = channel::<(u64, Pending)>();
     let queue = Mutex::new(queue);
     let (done, outcomes) = channel();
@@ -117,7 +123,13 @@ pub fn run(
             scope.spawn(move || {
                 let mut trail = options.track.then(Trail::default);
                 while let Some((index, frame)) = queue.lock().map_or(None, |q| q.recv().ok()) {
-                    if done.send((index, search_safely(frame, model, options, slot, &mut trail))).is_err() {
+                    if done
+                        .send((
+                            index,
+                            search_safely(frame, model, options, slot * share..(slot + 1) * share, &mut trail),
+                        ))
+                        .is_err()
+                    {
                         return;
                     }
                 }
@@ -165,11 +177,11 @@ fn search_safely(
     frame: Pending,
     model: &Model<'_>,
     options: &Options<'_>,
-    slot: usize,
+    slots: Range<usize>,
     trail: &mut Option<Trail<Sequence>>,
 ) -> Outcome {
     let ((source, index, kind), time) = (frame.place(), frame.time());
-    catch_unwind(AssertUnwindSafe(|| search_one(frame.read(), model, options, slot, trail.as_mut()))).unwrap_or_else(
+    catch_unwind(AssertUnwindSafe(|| search_one(frame.read(), model, options, slots, trail.as_mut()))).unwrap_or_else(
         |_| {
             let result = Err(anyhow!("{source}, frame {index}: the search failed; please report this frame"));
             Outcome { source, frame: index, kind, time, result }
@@ -181,7 +193,7 @@ fn search_one(
     frame: SourceFrame,
     model: &Model<'_>,
     options: &Options<'_>,
-    slot: usize,
+    slots: Range<usize>,
     trail: Option<&mut Trail<Sequence>>,
 ) -> Outcome {
     let SourceFrame { source, frame, kind, time, picture, .. } = frame;
@@ -189,8 +201,8 @@ fn search_one(
         let lens = options.optics.map(|o| o.of_size(p.width, p.height)).transpose().with_context(|| source.clone())?;
         let request = Request { details: options.annotate, lens, ..options.request };
         let found = match trail {
-            Some(trail) => trail.next(sequence(&source, kind, (p.width, p.height)), &p, model, &request, slot),
-            None => search_for(&p, model, &request, slot),
+            Some(trail) => trail.next(sequence(&source, kind, (p.width, p.height)), &p, model, &request, slots.start),
+            None => search_widely(&p, model, &request, slots),
         }
         .with_context(|| source.clone())?;
         let calibration = options.calibration.map(|c| c.through(lens));

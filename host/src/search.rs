@@ -117,12 +117,26 @@ pub fn fit(picture: &Picture, side: usize, pixels: usize) -> Scaled<'_> {
 /// # Errors
 /// When the region does not suit the picture.
 pub fn prepare<'a>(picture: &'a Picture, request: &Request) -> Result<Scaled<'a>, Unsuitable> {
-    let (side, pixels) = request.profile.limits();
+    prepare_for(picture, request, |_| request.profile.limits())
+}
+
+/// Prepares `picture` as [`prepare`] does. `limits` tells how long a side may be and how many pixels there may be, when it
+/// is given the size of the picture or of its part.
+pub(crate) fn prepare_for<'a>(
+    picture: &'a Picture,
+    request: &Request,
+    limits: impl Fn((usize, usize)) -> (usize, usize),
+) -> Result<Scaled<'a>, Unsuitable> {
+    let within = |picture: &Picture| limits((picture.width as usize, picture.height as usize));
     let mut scaled = match request.region {
-        None => fit(picture, side, pixels),
+        None => {
+            let (side, pixels) = within(picture);
+            fit(picture, side, pixels)
+        }
         Some(region) => {
             let part = region.part(picture)?;
             let cut = picture.cut(part);
+            let (side, pixels) = within(&cut);
             let scaled = fit(&cut, side, pixels);
             let corner = Homography::affine([1.0, 0.0, part.x as f32, 0.0, 1.0, part.y as f32]);
             let to_picture = corner.after(&scaled.to_picture);

@@ -18,6 +18,7 @@
                                              objects, keygraphs, corners and pixels
     python3 scripts/evaluate rivals          time beside OpenCV, a table
     python3 scripts/evaluate mixed           time by what a frame shows, beside OpenCV
+    python3 scripts/evaluate tilt            found from far to the side, plainly and with --wide
     python3 scripts/evaluate costs           time of whole commands
     python3 scripts/evaluate measure         all of these for the pages: their records
                                              (benches/record, docs/*.json), figures
@@ -73,6 +74,7 @@ MODULES = {
     "growth": "growth",
     "rivals": "rivals",
     "mixed": "mixed",
+    "tilt": "tilt",
     "costs": "measure",
     "measure": "measure",
 }
@@ -124,6 +126,9 @@ def parser():
     c = command("mixed", "Time of frames that show the object plainly, hardly and not at all, beside OpenCV")
     add_pictures(c)
     add_frames(c, 40, "of each kind and object")
+    c = command("tilt", "Found from far to the side, plainly and with --wide, beside OpenCV")
+    add_pictures(c)
+    add_frames(c, 24, "a tilt and object")
     command("costs", "Time of training, of a folder of frames and of a start")
     add_measure(command("measure", "Measures what the pages show, and writes records, figures and tables"))
     return p

@@ -20,6 +20,7 @@ from record import FIGURES, write_record
 PARTS = {
     "rivals": ([], 2),
     "mixed": (["--frames", "16"], 2),
+    "tilt": ([], 8),
     "costs": ([], 1),
     "precision": ([], 2),
     "calibration": ([], 3),

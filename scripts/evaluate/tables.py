@@ -108,6 +108,18 @@ def mixed():
     return head(["median and 99th percentile, ms", *kinds.values()]) + lines
 
 
+def tilt():
+    """Found from far to the side, by tilt, and what a frame costs that does not show the object."""
+    told = read_record("tilt")
+    lines = []
+    for label, numbers in told["detectors"].items():
+        cells = [str(n) for n in numbers["found"].values()]
+        lines.append(row([label, *cells, str(numbers["misplaced"]), f"{numbers['absent_ms']:.0f}"]))
+    angles = next(iter(told["detectors"].values()))["found"]
+    columns = [f"found of {told['frames']}, tilted by", *(f"{a}°" for a in angles), "misplaced", "ms, absent"]
+    return head(columns) + lines
+
+
 def stages(told=None):
     """Time of each stage, and of what OpenCV has instead, ms."""
     told = told or read_record("rivals")
@@ -159,6 +171,7 @@ TABLES = {
     "accuracy-short": accuracy_short,
     "times": times,
     "mixed": mixed,
+    "tilt": tilt,
     "stages": stages,
     "growth": growth,
 }

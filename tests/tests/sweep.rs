@@ -6,11 +6,12 @@
 use std::fmt::Write;
 use std::sync::LazyLock;
 
-use keygraph::input::{Picture, read_picture};
+use keygraph::input::{Picture, Pixels, read_picture};
 use keygraph::learn::{Preset, merge, train};
 use keygraph::random::Random;
 use keygraph::render::{Exposure, Pose, Print, RIGHT, Scene, corner_error};
 use keygraph::search::{Profile, Request, search_for};
+use keygraph::wide::search_widely;
 use keygraph_core::{DEFAULT_THRESHOLD, Depth, Detection, Model};
 use keygraph_tests::file;
 
@@ -249,5 +250,63 @@ fn twelve_objects_in_a_frame_are_all_found_and_none_doubled() {
             .collect();
         let seen = detections(&scene.expose(&MILD, &mut random), &model, Profile::Hd, Depth::Usual);
         assert_each_once(&format!("twelve objects, seed {seed}"), &seen, &truth);
+    }
+}
+
+// --------------------------------------------------------------- far aside
+
+/// Eight steep views of a picture, tilted along as many directions, and where they are seen.
+fn steep_views(picture: &Picture, tilt_deg: f32) -> Vec<(Picture, Quad)> {
+    let views = (0..8).map(|i| {
+        let mut random = Random::of(&[i, 99]);
+        let mut scene = Scene::dead_leaves(1000, 750, &mut random);
+        let (axis_deg, rotation_deg) = (22.5 * i as f32 + 10.0, random.between(0.0, 360.0));
+        let pose = Pose { side_px: 640.0, tilt_deg, axis_deg, rotation_deg, centre: [500.0, 375.0] };
+        let truth = lay(&mut scene, picture, &pose);
+        (scene.expose(&MILD, &mut random), truth)
+    });
+    views.collect()
+}
+
+#[test]
+fn what_is_seen_from_far_to_the_side_is_found_by_a_wide_search() {
+    for name in ["astronaut", "coffee"] {
+        let picture = shipped(name);
+        let bytes = model(&picture, name, Preset::Large);
+        let model = Model::parse(&bytes).unwrap();
+        let (mut plain, mut wide) = (0, 0);
+        for (frame, truth) in steep_views(&picture, 79.0) {
+            let request = Request::new(Profile::Vga, DEFAULT_THRESHOLD);
+            let right = |found: &[Detection]| found.iter().filter(|d| is(d, &(0, truth))).count();
+            plain += right(&search_widely(&frame, &model, &request, 0..1).unwrap().detections);
+            let found = search_widely(&frame, &model, &Request { wide: true, ..request }, 0..2).unwrap();
+            assert!(found.detections.len() <= 1, "one outline at a place: {:?}", found.detections);
+            assert_eq!(found.rivals.len(), found.detections.len());
+            wide += right(&found.detections);
+        }
+        println!("{name}: of 8 views at 79 degrees, {plain} are found plainly and {wide} widely");
+        assert!(plain <= 2, "the test shows nothing");
+        assert!(wide >= 7);
+    }
+}
+
+/// One object of two is seen plainly, and the other from far to the side. Frames of gray do as well.
+#[test]
+fn a_wide_search_keeps_what_is_seen_plainly() {
+    let pictures = ["coffee", "astronaut"].map(shipped);
+    let models = [0, 1].map(|i| model(&pictures[i], &format!("object {i}"), Preset::Large));
+    let packed = merge(&models).unwrap();
+    let mut random = Random::of(&[7]);
+    let mut scene = Scene::dead_leaves(1000, 750, &mut random);
+    let steep = Pose { side_px: 640.0, tilt_deg: 78.0, axis_deg: 100.0, rotation_deg: 30.0, centre: [750.0, 375.0] };
+    let poses = [Pose { centre: [250.0, 375.0], ..FRONT }, steep];
+    let truth: Vec<(u16, Quad)> = (0..2).map(|i| (i as u16, lay(&mut scene, &pictures[i], &poses[i]))).collect();
+    let frame = scene.expose(&MILD, &mut random);
+    let Pixels::Rgb8(rgb) = &frame.pixels else { panic!("rendered frames have colour") };
+    let gray = Picture { pixels: Pixels::Gray8(rgb.chunks(3).map(|p| p[1]).collect()), ..frame };
+    for frame in [&frame, &gray] {
+        let request = Request { wide: true, ..Request::new(Profile::Vga, DEFAULT_THRESHOLD) };
+        let seen = search_widely(frame, &Model::parse(&packed).unwrap(), &request, 0..1).unwrap().detections;
+        assert_each_once("one plain, one steep", &seen, &truth);
     }
 }

@@ -109,6 +109,9 @@ fn answer<'py>(
 ///     min_visible: Minimum share of an object that must be seen and agree, 0 to 1.
 ///     thorough: Search all of each frame for all of the models, and again in tiles: finds small objects,
 ///         in three times the time of a frame that shows nothing.
+///     wide: Search for what is seen from far to the side, too, up to 80 degrees and more: each frame is searched eight
+///         times more, as it looks squeezed along eight directions, unless the one object of the models is found
+///         without doubt.
 ///     all_names: Report all objects that could be at a place, and not the best alone.
 ///     budget_ms: Stop the search of a frame after this time, ms, and report what was found.
 ///     roi: Search this part of each frame alone, at its own resolution: (x, y, width, height), each px or
@@ -132,7 +135,7 @@ pub struct Detector {
 #[pymethods]
 impl Detector {
     #[new]
-    #[pyo3(signature = (models, profile="vga", threshold=0.8, *, min_visible=0.0, thorough=false, all_names=false, budget_ms=None, roi=None, mirror=false, surface="any", intrinsics=None, distortion=None, fisheye=false, digests=false))]
+    #[pyo3(signature = (models, profile="vga", threshold=0.8, *, min_visible=0.0, thorough=false, wide=false, all_names=false, budget_ms=None, roi=None, mirror=false, surface="any", intrinsics=None, distortion=None, fisheye=false, digests=false))]
     #[allow(clippy::too_many_arguments, reason = "the arguments of Python, which have names")]
     fn new(
         py: Python<'_>,
@@ -141,6 +144,7 @@ impl Detector {
         threshold: f32,
         min_visible: f32,
         thorough: bool,
+        wide: bool,
         all_names: bool,
         budget_ms: Option<f64>,
         roi: Option<&Bound<'_, PyAny>>,
@@ -155,9 +159,13 @@ impl Detector {
         if mirror && lens.is_some() {
             return Err(PyValueError::new_err("mirror: a lens is that of frames that are not mirrored"));
         }
+        if wide && (lens.is_some() || digests) {
+            return Err(PyValueError::new_err("wide: leave out distortion and digests"));
+        }
         let request = Request {
             min_visible: share("min_visible", min_visible)?,
             depth: depth_of(thorough),
+            wide,
             all_names,
             shape: shape(surface)?,
             lens,
@@ -167,7 +175,7 @@ impl Detector {
             digests,
             ..Request::new(self::profile(profile)?, share("threshold", threshold)?)
         };
-        let room = Mutex::new(py.detach(|| Room::new(request.profile))?);
+        let room = Mutex::new(py.detach(|| Room::of(&request))?);
         Ok(Self { model: Py::new(py, joined(py, models)?)?, request, room })
     }
 
@@ -200,9 +208,14 @@ impl Detector {
     ) -> PyResult<Bound<'py, PyAny>> {
         let reading = Reading::new(order, format, size, stride)?;
         answer(frame, &reading, (&self.model, &self.request), |search, view| {
-            let Room { detector, scratch } = &mut *lock(&self.room);
-            search
-                .run(view, scratch, |frame, request| search_frame(detector.any(), frame, search.model.view(), request))
+            let Room { detector, larger, scratch } = &mut *lock(&self.room);
+            let found = search.run(view, scratch, |frame, request| {
+                search_frame(detector.any(), frame, search.model.view(), request)
+            })?;
+            match larger {
+                Some(larger) => search.widen(found, view, larger.any()),
+                None => Ok(found),
+            }
         })
     }
 

@@ -9,6 +9,7 @@ use std::time::Instant;
 
 use keygraph::picture::{Part, Picture, Pixels};
 use keygraph::search::{AnyDetector, Found, Profile, Request, prepare};
+use keygraph::wide::{larger, widened};
 use keygraph_core::{Frame, FrameError, HdDetector, PixelFormat, QqvgaDetector, QvgaDetector, VgaDetector, Window};
 use pyo3::prelude::*;
 
@@ -22,6 +23,8 @@ use crate::sensor::{checked, picture};
 pub struct Room {
     /// The detector.
     pub detector: AnyRoom,
+    /// The detector of squeezed frames, [`larger`]; `None` when frames are not searched widely.
+    pub larger: Option<AnyRoom>,
     /// Samples of a frame that cannot be read in place.
     pub scratch: Vec<u8>,
 }
@@ -39,21 +42,31 @@ pub enum AnyRoom {
 const STACK: usize = 32 << 20;
 
 impl Room {
-    /// A new detector. A thread with a large stack makes it: that of the caller may be small.
+    /// The room of a detector for these frames.
+    pub fn of(request: &Request) -> PyResult<Self> {
+        let larger = request.wide.then(|| AnyRoom::new(larger(request.profile))).transpose()?;
+        Ok(Self { larger, ..Self::new(request.profile)? })
+    }
+
+    /// The room of one detector.
     pub fn new(profile: Profile) -> PyResult<Self> {
-        let make = move || match profile {
-            Profile::Hd => AnyRoom::Hd(Box::default()),
-            Profile::Vga => AnyRoom::Vga(Box::default()),
-            Profile::Qvga => AnyRoom::Qvga(Box::default()),
-            Profile::Qqvga => AnyRoom::Qqvga(Box::default()),
-        };
-        let maker = thread::Builder::new().stack_size(STACK).spawn(make)?;
-        let detector = maker.join().map_err(|_| defect("the detector cannot be made"))?;
-        Ok(Self { detector, scratch: Vec::new() })
+        Ok(Self { detector: AnyRoom::new(profile)?, larger: None, scratch: Vec::new() })
     }
 }
 
 impl AnyRoom {
+    /// A new detector. A thread with a large stack makes it: that of the caller may be small.
+    fn new(profile: Profile) -> PyResult<Self> {
+        let make = move || match profile {
+            Profile::Hd => Self::Hd(Box::default()),
+            Profile::Vga => Self::Vga(Box::default()),
+            Profile::Qvga => Self::Qvga(Box::default()),
+            Profile::Qqvga => Self::Qqvga(Box::default()),
+        };
+        let maker = thread::Builder::new().stack_size(STACK).spawn(make)?;
+        maker.join().map_err(|_| defect("the detector cannot be made"))
+    }
+
     pub fn any(&mut self) -> &mut AnyDetector {
         match self {
             Self::Hd(d) => &mut **d,
@@ -126,6 +139,14 @@ impl Search<'_> {
         Ok(Found { mirrored: self.request.mirror, total_ns, ..found })
     }
 
+    /// Adds what is seen from far to the side to what was found in a frame. The detector is a larger one.
+    pub fn widen(&self, found: Found, view: &View<'_>, detector: &mut AnyDetector) -> Result<Found, Refused> {
+        let mut owned = None;
+        let picture = as_picture(view, &mut owned)?;
+        let found = widened(found, picture, (detector, self.model.view()), self.request, self.start);
+        found.map_err(Refused::Other)
+    }
+
     /// The frame as it is in memory, or a part of it, when it fits the detector so.
     fn in_place<'v>(&self, view: &View<'v>) -> Result<Option<InPlace<'v>>, Refused> {
         let (width, height) = view.size();
@@ -178,14 +199,8 @@ impl Search<'_> {
         {
             return Ok(work(&Frame::new(format, width, height, scratch)?, self.request)?);
         }
-        let owned;
-        let picture = match view {
-            View::Picture(picture) => picture,
-            _ => {
-                owned = picture(view)?;
-                &owned
-            }
-        };
+        let mut owned = None;
+        let picture = as_picture(view, &mut owned)?;
         let scaled = prepare(picture, self.request).map_err(|e| Refused::Other(e.into()))?;
         let frame = Frame::new(scaled.format, scaled.width, scaled.height, &scaled.data).map_err(|e| {
             let (width, height) = (scaled.width, scaled.height);
@@ -196,5 +211,13 @@ impl Search<'_> {
         let mut found = work(&frame, &self.request.within(&scaled.to_picture))?;
         found.map_back(&scaled.to_picture);
         Ok(Found { part: scaled.part, ..found })
+    }
+}
+
+/// The frame as a picture. What is not one yet is copied into `owned`.
+fn as_picture<'a>(view: &'a View<'_>, owned: &'a mut Option<Picture>) -> Result<&'a Picture, Refused> {
+    match view {
+        View::Picture(picture) => Ok(picture),
+        _ => Ok(owned.insert(picture(view)?)),
     }
 }

@@ -88,7 +88,8 @@ impl Detection {
     /// Whether the detection and `other` say of one place that different objects are there. An
     /// object that lies on another and is much smaller is no rival of it.
     #[inline(never)]
-    pub(crate) fn is_rival(&self, other: &Self) -> bool {
+    #[must_use]
+    pub fn is_rival(&self, other: &Self) -> bool {
         let (a, b) = (area(&self.corners), area(&other.corners));
         let alike = a < MAX_RIVAL * b && b < MAX_RIVAL * a;
         alike && self.object != other.object && overlap(&self.corners, &other.corners)
@@ -96,13 +97,15 @@ impl Detection {
 
     /// How much of the object agrees with the frame, 0 to 1, and how well. It does not saturate: of
     /// two pictures that share parts, it tells which the other parts are of.
-    pub(crate) fn fit(&self) -> f32 {
+    #[must_use]
+    pub fn fit(&self) -> f32 {
         self.appearance.support / f32::from(self.appearance.blocks.max(1))
     }
 
     /// Whether the detection and `other` stand for the same instance.
     #[inline(never)]
-    pub(crate) fn is_twin(&self, other: &Self) -> bool {
+    #[must_use]
+    pub fn is_twin(&self, other: &Self) -> bool {
         self.object == other.object && overlap(&self.corners, &other.corners)
     }
 }

@@ -40,10 +40,10 @@ impl Stats {
     };
 
     /// Adds the counts and ticks of `more`.
-    pub(crate) fn add(&mut self, more: &Self) {
+    pub fn add(&mut self, more: &Self) {
         self.stages.iter_mut().zip(more.stages).for_each(|(s, m)| add(s, m));
         self.ticks.iter_mut().zip(more.ticks).for_each(|(t, m)| *t = t.wrapping_add(m));
-        self.tiles += more.tiles;
+        self.tiles = self.tiles.saturating_add(more.tiles);
         self.stopped |= more.stopped;
     }
 }

@@ -8,5 +8,6 @@ pub mod pixels;
 pub mod frame;
 pub mod shrink;
 pub mod plane;
+pub mod squeeze;
 pub mod halve;
 pub mod pyramid;

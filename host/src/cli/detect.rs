@@ -15,8 +15,9 @@ use keygraph::pose::{Calibration, CameraArguments};
 use keygraph::progress::Progress;
 use keygraph::region::{Look, Unsuitable};
 use keygraph::run::{Options, run as search_all};
-use keygraph::search::{Profile, Request, Shape, depth_of, parse_budget, parse_share, parse_threshold, search_for};
+use keygraph::search::{Profile, Request, Shape, depth_of, parse_budget, parse_share, parse_threshold};
 use keygraph::sensor::SensorFormat;
+use keygraph::wide::search_widely;
 use keygraph::{report, words};
 use keygraph_core::{DEFAULT_THRESHOLD, Model};
 
@@ -88,6 +89,10 @@ pub struct Search {
     /// frame that shows nothing, for each object
     #[arg(long)]
     thorough: bool,
+    /// Search for what is seen from far to the side, too, up to 80 degrees and more: each frame is searched eight times
+    /// more, as it looks squeezed along eight directions, unless the one object of the model is found without doubt
+    #[arg(long, conflicts_with_all = ["track", "digests", "format"])]
+    wide: bool,
     #[command(flatten)]
     look: Look,
     /// Convert frames to the format of a camera's sensor before they are searched
@@ -110,6 +115,10 @@ impl Search {
     pub fn check(&self) {
         if let Some(message) = self.camera.lacks() {
             usage_error(ErrorKind::MissingRequiredArgument, message);
+        }
+        if self.wide && self.camera.has_lens() {
+            let message = "--wide takes straight lines as straight: leave out --lens or --distortion";
+            usage_error(ErrorKind::ArgumentConflict, message);
         }
     }
 }
@@ -167,6 +176,7 @@ pub fn search(bytes: &[u8], paths: &[PathBuf], arguments: &Search) -> Result<Exi
             mirror: arguments.look.mirror,
             format: arguments.format.map(|f| f.0),
             depth: depth_of(arguments.thorough),
+            wide: arguments.wide,
             digests: arguments.digests,
             ..Request::new(arguments.profile, arguments.threshold)
         },
@@ -250,7 +260,7 @@ pub fn search(bytes: &[u8], paths: &[PathBuf], arguments: &Search) -> Result<Exi
     if let Some(Some(name)) = empty
         && !arguments.track
     {
-        hint_at_mirror(&name, &model, &options.request);
+        hint_at_others(&name, &model, &options);
     }
     Ok(ExitCode::from(match (arguments.exit_code, failed, any) {
         (true, true, _) => 2,
@@ -266,13 +276,20 @@ fn flat_name(source: &str, kind: Kind, frame: u64, object: &str) -> String {
     format!("{input}{number}-{}.png", file_stem(object))
 }
 
-/// Says so when the other `--mirror` finds an object in a picture in which nothing was found. It costs
-/// one search for the whole run.
-fn hint_at_mirror(name: &str, model: &Model<'_>, request: &Request) {
-    let other = Request { mirror: !request.mirror, details: false, digests: false, ..*request };
-    let found = read_picture(Path::new(name)).and_then(|picture| search_for(&picture, model, &other, 0));
-    if found.is_ok_and(|f| !f.detections.is_empty()) {
-        let (how, advice) = if other.mirror { ("", "use") } else { ("not ", "leave out") };
+/// Says so when the other `--mirror`, or `--wide`, finds an object in a picture in which nothing was found. It costs
+/// some searches for the whole run.
+fn hint_at_others(name: &str, model: &Model<'_>, options: &Options<'_>) {
+    let request = &options.request;
+    let Ok(picture) = read_picture(Path::new(name)) else { return };
+    let finds = |other: &Request| {
+        let other = Request { details: false, digests: false, ..*other };
+        search_widely(&picture, model, &other, 0..1).is_ok_and(|f| !f.detections.is_empty())
+    };
+    let mirror = !request.mirror;
+    if finds(&Request { mirror, wide: false, ..*request }) {
+        let (how, advice) = if mirror { ("", "use") } else { ("not ", "leave out") };
         notice(&format!("{}: found when {how}mirrored: {advice} --mirror", plain(name)));
+    } else if !request.wide && options.optics.is_none() && finds(&Request { wide: true, ..*request }) {
+        notice(&format!("{}: found from far to the side: use --wide", plain(name)));
     }
 }

@@ -12,7 +12,8 @@ use keygraph_core::{Detection, Frame, Model};
 
 use crate::canvas::Canvas;
 use crate::input::Picture;
-use crate::search::{Found, Profile, Request, depth_of, fit, search_for, with_detector};
+use crate::search::{Found, Profile, Request, depth_of, fit, with_detector};
+use crate::wide::search_widely;
 use trace::{Pair, Trace, homography};
 
 /// Minimum of corners in a frame with texture, on all levels: photographs have 300 and more.
@@ -139,13 +140,14 @@ fn trials(
     if request.depth != depth_of(true) {
         ways.push(("--thorough", Request { depth: depth_of(true), ..plain }));
     }
+    ways.push(("--wide", Request { wide: true, ..plain }));
     if is_scaled && request.profile != Profile::Hd {
         ways.push(("--profile hd", Request { profile: Profile::Hd, ..plain }));
         ways.push(("--profile hd --thorough", Request { profile: Profile::Hd, depth: depth_of(true), ..plain }));
     }
     let mut helped = Vec::new();
     for (option, way) in ways {
-        let found = search_for(frame, model, &way, 0)?;
+        let found = search_widely(frame, model, &way, 0..1)?;
         if !found.detections.is_empty() {
             helped.push((option, found));
         }
@@ -320,7 +322,7 @@ impl Case<'_> {
             ));
         } else if trials.is_empty() {
             advice.push(
-                "Is the object in the frame at all? It should be 75 px or larger, tilted by 60 degrees or less, and half \
+                "Is the object in the frame at all? It should be 75 px or larger, tilted by 80 degrees or less, and half \
                  of it or more should be seen."
                     .into(),
             );

@@ -10,6 +10,7 @@
 //! - `train`, `pack`, `detect`, `find`, `explain`, `inputs`, `annotate`, `assess`, `video`, `demo`: by command and by input
 //! - `ending`: commands that a signal ends
 //! - `region`: parts of frames, and frames that are mirrored
+//! - `wide`: what is seen from far to the side
 //! - `debian`: what the package for Debian holds
 //! - `writing`: files that are written, and faults while they are
 #![allow(clippy::unwrap_used, clippy::panic, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
@@ -45,6 +46,7 @@ mod region;
 mod train;
 mod usage;
 mod video;
+mod wide;
 mod writing;
 
 use std::fs;

@@ -159,6 +159,7 @@ class Detector:
         *,
         min_visible: float = 0.0,
         thorough: bool = False,
+        wide: bool = False,
         all_names: bool = False,
         budget_ms: float | None = None,
         roi: _Region | None = None,

@@ -1,0 +1,310 @@
+//! A picture searched once more as it looks squeezed along each of eight directions.
+//!
+//! An object seen from far to the side is narrow. Squeezed across that direction, the picture shows it as if it
+//! was seen from nearer the front ([`Squeeze`]). The searches of the squeezed pictures are those of any picture, with
+//! the same thresholds; of several outlines at one place the best stays.
+//!
+//! In: a picture, a model. Out: [`Found`], in px of the picture. Memory: a squeezed copy of the picture, and the
+//! detector of the next larger profile, because a squeezed picture is long. Cost: that of eight searches.
+
+use std::mem::take;
+use std::ops::Range;
+use std::panic::resume_unwind;
+use std::thread;
+use std::time::Instant;
+
+use anyhow::Result;
+use keygraph_core::stages::frame::MIN_SIDE;
+use keygraph_core::stages::plane::Plane;
+use keygraph_core::stages::squeeze::Squeeze;
+use keygraph_core::{Detection, Frame, Homography, Model, PixelFormat, Surface};
+
+use crate::input::Picture;
+use crate::search::{AnyDetector, Found, Profile, Request, prepare_for, search_for, search_frame, with_detector};
+use crate::sensor::sense;
+
+/// Factor by which a picture is squeezed.
+const FACTOR: u8 = 5;
+
+/// Number of directions. With a factor of 5 and eight of them, an object that is tilted by 80 degrees along any
+/// direction looks tilted by 70 degrees at most in one of the squeezed pictures.
+const DIRECTIONS: usize = 8;
+
+/// The score from which on the one object of a model is found without doubt, so that nothing more is searched.
+const SURE: f32 = 0.99;
+
+/// Searches `picture` as [`search_for`] does, and with [`Request::wide`] for what is seen from far to the side, too,
+/// unless the model has one object and that is found without doubt. The detectors of the threads `slots` share the
+/// work; what they find does not depend on their number.
+///
+/// # Errors
+/// When the picture is too small.
+pub fn search_widely(picture: &Picture, model: &Model<'_>, request: &Request, slots: Range<usize>) -> Result<Found> {
+    let start = Instant::now();
+    let found = search_for(picture, model, request, slots.start)?;
+    let Some(wide) = Wide::after(&found, picture, model, request, start)? else { return Ok(found) };
+    let (first, step) = (slots.start, slots.len().max(1));
+    let search =
+        |k: usize| with_detector(larger(request.profile), first + k, |detector| wide.search(detector, k, step));
+    let parts = thread::scope(|scope| {
+        let others: Vec<_> = (1..step).map(|k| scope.spawn(move || search(k))).collect();
+        let mut parts = vec![search(0)];
+        parts.extend(others.into_iter().map(|other| other.join().unwrap_or_else(|panic| resume_unwind(panic))));
+        parts
+    });
+    let mut all = Vec::new();
+    for part in parts {
+        all.extend(part?);
+    }
+    Ok(wide.joined(found, all))
+}
+
+/// Does what [`search_widely`] does after the search of the picture has found `found`, with one detector of the profile
+/// that [`larger`] tells. `start` is the time at which the search of the picture began.
+///
+/// # Errors
+/// When the region of the request does not suit the picture, or the detector is too small.
+pub fn widened(
+    found: Found,
+    picture: &Picture,
+    (detector, model): (&mut AnyDetector, &Model<'_>),
+    request: &Request,
+    start: Instant,
+) -> Result<Found> {
+    let Some(wide) = Wide::after(&found, picture, model, request, start)? else { return Ok(found) };
+    let all = wide.search(detector, 0, 1)?;
+    Ok(wide.joined(found, all))
+}
+
+/// A picture that is searched squeezed.
+struct Wide<'a> {
+    /// The picture as Gray8 or I420, not larger than its squeezed pictures may be.
+    data: Vec<u8>,
+    size: (usize, usize),
+    format: PixelFormat,
+    to_picture: Homography,
+    model: &'a Model<'a>,
+    request: Request,
+    start: Instant,
+}
+
+impl<'a> Wide<'a> {
+    /// The picture, when it is to be searched squeezed after a search has found `found`.
+    fn after(
+        found: &Found,
+        picture: &Picture,
+        model: &'a Model<'a>,
+        request: &Request,
+        start: Instant,
+    ) -> Result<Option<Self>> {
+        let is_sure = model.objects() == 1 && found.detections.first().is_some_and(|d| d.score >= SURE);
+        if !request.wide || is_sure {
+            return Ok(None);
+        }
+        // The squeezed pictures have the format that squeezing gives them.
+        let request = Request { details: false, digests: false, format: None, ..*request };
+        let (side, pixels) = (larger(request.profile).limits().0, request.profile.limits().1);
+        let scaled = prepare_for(picture, &request, |size| squeezable(size, side, pixels))?;
+        let format = if scaled.format == PixelFormat::Gray8 { PixelFormat::Gray8 } else { PixelFormat::I420 };
+        let (width, height, data) = sense(scaled.format, (scaled.width, scaled.height), &scaled.data, format);
+        let (size, to_picture) = ((width, height), scaled.to_picture);
+        Ok(Some(Self { data, size, format, to_picture, model, request, start }))
+    }
+
+    /// What is found in the pictures that are squeezed along each `step`th direction from number `first` on, in px of
+    /// the picture, with the number of the direction.
+    fn search(&self, detector: &mut AnyDetector, first: usize, step: usize) -> Result<Vec<(usize, Found)>> {
+        let mut all = Vec::new();
+        for i in (first..DIRECTIONS).step_by(step) {
+            let squeeze = Squeeze::new(self.size, FACTOR, 180.0 * i as f32 / DIRECTIONS as f32);
+            if squeeze.width.min(squeeze.height) < MIN_SIDE {
+                continue;
+            }
+            let bytes = squeezed(&self.data, self.size, self.format, &squeeze);
+            let frame = Frame::new(self.format, squeeze.width, squeeze.height, &bytes)?;
+            // What is left of the time.
+            let budget = self.request.budget.map(|most| most.saturating_sub(self.start.elapsed()));
+            let mut found = search_frame(detector, &frame, self.model, &Request { budget, ..self.request })?;
+            found.map_back(&self.to_picture.after(&squeeze.to_frame));
+            all.push((i, found));
+        }
+        Ok(all)
+    }
+
+    /// What the search of the picture and those of the squeezed pictures have found.
+    fn joined(&self, plain: Found, mut all: Vec<(usize, Found)>) -> Found {
+        all.sort_by_key(|(i, _)| *i);
+        let mut found = merged(plain, all.into_iter().map(|(_, found)| found), self.request.all_names);
+        found.total_ns = u64::try_from(self.start.elapsed().as_nanos()).unwrap_or(u64::MAX);
+        found
+    }
+}
+
+/// The profile whose detector takes the squeezed pictures of a search with this profile: they are long.
+#[must_use]
+pub const fn larger(profile: Profile) -> Profile {
+    match profile {
+        Profile::Hd | Profile::Vga => Profile::Hd,
+        Profile::Qvga => Profile::Vga,
+        Profile::Qqvga => Profile::Qvga,
+    }
+}
+
+/// The longer side of a picture of this size, px, when all its squeezed pictures have sides of at most `side` px and
+/// at most `pixels` px, and no limit of its own pixels.
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "sizes of pictures")]
+fn squeezable((width, height): (usize, usize), side: usize, pixels: usize) -> (usize, usize) {
+    let (w, h) = (width as f64, height as f64);
+    // The longest squeezed picture is as long as a diagonal, and the largest is squeezed along a diagonal of a square.
+    // Sides are rounded to even numbers; the detector has room for some pixels more.
+    let fits = (side as f64 - 1.0) / w.hypot(h);
+    let holds = (2.0 * f64::from(FACTOR) * pixels as f64).sqrt() / (w + h);
+    ((w.max(h) * fits.min(holds)) as usize, usize::MAX)
+}
+
+/// The planes of a picture, of Gray8 or I420, squeezed.
+fn squeezed(data: &[u8], (w, h): (usize, usize), format: PixelFormat, squeeze: &Squeeze) -> Vec<u8> {
+    let mut out = vec![0; format.bytes(squeeze.width, squeeze.height)];
+    let (luma, chroma) = data.split_at(w * h);
+    let (to, to_chroma) = out.split_at_mut(squeeze.width * squeeze.height);
+    let apply = |squeeze: &Squeeze, plane: &[u8], (w, h), out: &mut [u8]| {
+        if let Some(plane) = Plane::new(plane, w, h) {
+            squeeze.apply(&plane, out);
+        }
+    };
+    apply(squeeze, luma, (w, h), to);
+    let planes = chroma.chunks(w * h / 4).zip(to_chroma.chunks_mut((to.len() / 4).max(1)));
+    planes.for_each(|(plane, out)| apply(&squeeze.halved(), plane, (w / 2, h / 2), out));
+    out
+}
+
+/// One detection with what is known of it.
+struct Instance {
+    detection: Detection,
+    rivals: Vec<(u16, f32)>,
+    surface: Option<Surface>,
+    supporters: Vec<[[f32; 2]; 3]>,
+}
+
+/// What several searches of one picture have found: at each place the best outline of an object, and the object that
+/// fits best, unless all names are asked for. Counts and times are those of all searches, the rest that of the picture.
+fn merged(mut plain: Found, squeezed: impl Iterator<Item = Found>, all_names: bool) -> Found {
+    let mut instances = instances_of(&mut plain);
+    for mut found in squeezed {
+        instances.extend(instances_of(&mut found));
+        plain.stats.add(&found.stats);
+    }
+    instances.sort_by(|a, b| b.detection.score.total_cmp(&a.detection.score));
+    let mut kept: Vec<Instance> = Vec::new();
+    for instance in instances {
+        if !kept.iter().any(|k| k.detection.is_twin(&instance.detection)) {
+            kept.push(instance);
+        }
+    }
+    if !all_names {
+        kept = named(kept);
+    }
+    for Instance { detection, rivals, surface, supporters } in kept {
+        plain.detections.push(detection);
+        plain.rivals.push(rivals);
+        plain.surfaces.push(surface);
+        plain.supporters.push(supporters);
+    }
+    plain
+}
+
+/// Takes the detections out of what a search has found.
+fn instances_of(found: &mut Found) -> Vec<Instance> {
+    let mut rivals = take(&mut found.rivals).into_iter();
+    let mut surfaces = take(&mut found.surfaces).into_iter();
+    let mut supporters = take(&mut found.supporters).into_iter();
+    let instance = |detection| Instance {
+        detection,
+        rivals: rivals.next().unwrap_or_default(),
+        surface: surfaces.next().flatten(),
+        supporters: supporters.next().unwrap_or_default(),
+    };
+    take(&mut found.detections).into_iter().map(instance).collect()
+}
+
+/// The object that fits best at each place. What it beats is among its rivals.
+fn named(all: Vec<Instance>) -> Vec<Instance> {
+    let beats =
+        |a: &Instance, b: &Instance| a.detection.is_rival(&b.detection) && a.detection.fit() > b.detection.fit();
+    let is_best: Vec<bool> = all.iter().map(|a| !all.iter().any(|b| beats(b, a))).collect();
+    let (mut best, mut beaten) = (Vec::new(), Vec::new());
+    all.into_iter().zip(is_best).for_each(|(a, is_best)| if is_best { best.push(a) } else { beaten.push(a) });
+    for winner in &mut best {
+        let lost = beaten.iter().filter(|b| b.detection.is_rival(&winner.detection));
+        winner.rivals.extend(lost.map(|b| (b.detection.object, b.detection.score)));
+        // Of each object the best score.
+        winner.rivals.sort_by(|a, b| a.0.cmp(&b.0).then(b.1.total_cmp(&a.1)));
+        winner.rivals.dedup_by_key(|r| r.0);
+        winner.rivals.sort_by(|a, b| b.1.total_cmp(&a.1));
+    }
+    best
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn found(all: &[(u16, f32, f32)]) -> Found {
+        let at = |&(object, x, score): &(u16, f32, f32)| {
+            let mut d = Detection::new(object, &Homography::affine([1.0, 0.0, x, 0.0, 1.0, 0.0]), [50.0; 2]);
+            (d.score, d.appearance.blocks, d.appearance.support) = (score, 36, 30.0 * score);
+            d
+        };
+        let detections: Vec<_> = all.iter().map(at).collect();
+        Found { rivals: vec![Vec::new(); all.len()], ..Found { detections, ..Found::default() } }
+    }
+
+    fn told(found: &Found) -> Vec<(u16, f32)> {
+        found.detections.iter().map(|d| (d.object, d.score)).collect()
+    }
+
+    #[test]
+    fn at_each_place_the_best_outline_stays() {
+        let join = |all_names| {
+            let squeezed = [found(&[(0, 4.0, 0.95), (0, 200.0, 0.85)]), found(&[(1, 2.0, 0.97)])];
+            merged(found(&[(0, 0.0, 0.9)]), squeezed.into_iter(), all_names)
+        };
+        let best = join(false);
+        assert_eq!(told(&best), [(1, 0.97), (0, 0.85)]);
+        assert_eq!(best.rivals, [vec![(0, 0.95)], vec![]]);
+        assert_eq!(told(&join(true)), [(1, 0.97), (0, 0.95), (0, 0.85)]);
+        assert_eq!(best.surfaces.len(), 2);
+    }
+
+    #[test]
+    fn squeezed_pictures_of_any_shape_fit_the_larger_detector() {
+        for (width, height) in [(640, 480), (1000, 750), (4000, 3000), (3000, 40), (700, 700), (90, 1200)] {
+            for profile in [Profile::Hd, Profile::Vga, Profile::Qvga, Profile::Qqvga] {
+                let (side, pixels) = (larger(profile).limits().0, profile.limits().1);
+                let longer = squeezable((width, height), side, pixels).0.min(width.max(height));
+                let scale = longer as f64 / width.max(height) as f64;
+                #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "sizes of pictures")]
+                let size = [width, height].map(|v| (v as f64 * scale) as usize);
+                let size = (size[0], size[1]);
+                for i in 0..DIRECTIONS {
+                    let s = Squeeze::new(size, FACTOR, 180.0 * i as f32 / DIRECTIONS as f32);
+                    assert!(s.width.max(s.height) <= side, "{size:?}: {} x {}", s.width, s.height);
+                    assert!(s.width * s.height <= larger(profile).limits().1, "{size:?}: {} x {}", s.width, s.height);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn planes_of_colour_are_squeezed_with_the_luma() {
+        let (w, h) = (64, 48);
+        let data: Vec<u8> = [vec![100; w * h], vec![60; w * h / 4], vec![200; w * h / 4]].concat();
+        let squeeze = Squeeze::new((w, h), FACTOR, 22.5);
+        let out = squeezed(&data, (w, h), PixelFormat::I420, &squeeze);
+        let n = squeeze.width * squeeze.height;
+        assert_eq!(out.len(), n * 3 / 2);
+        assert!(out[..n].iter().all(|&v| v == 100) && out[n..n * 5 / 4].iter().all(|&v| v == 60));
+        assert!(out[n * 5 / 4..].iter().all(|&v| v == 200));
+        assert!(squeezed(&data[..w * h], (w, h), PixelFormat::Gray8, &squeeze).iter().all(|&v| v == 100));
+    }
+}
