@@ -32,7 +32,8 @@ use crate::wide::search_widely;
 pub struct Options<'a> {
     /// How each frame is searched.
     pub request: Request,
-    /// Frames searched at once, 1 to [`MAX_THREADS`]. Tracking uses one thread.
+    /// Frames searched at once, 1 to [`MAX_THREADS`]; of fewer pictures each is searched widely by several. Tracking uses
+    /// one thread.
     pub threads: usize,
     /// Whether to follow objects from frame to frame.
     pub track: bool,
@@ -94,10 +95,10 @@ pub fn run(
     mut each: impl FnMut(Outcome) -> Result<()>,
 ) -> Result<()> {
     let threads = if options.track { 1 } else { options.threads.clamp(1, MAX_THREADS) };
-    // Of few pictures, several threads search one widely.
-    let few = source.len_hint().map_or(threads, |n| usize::try_from(n).unwrap_or(threads).clamp(1, threads));
-    let share = if options.request.wide { threads / few } else { 1 };
-    let threads = threads / share;
+    // When there are fewer pictures than threads, several threads search one of them widely.
+    let pictures = source.len_hint().map_or(threads, |n| usize::try_from(n).unwrap_or(threads).clamp(1, threads));
+    let sharing = if options.request.wide { threads / pictures } else { 1 };
+    let threads = threads / sharing;
     let (jobs, queue) = channel::<(u64, Pending)>();
     let queue = Mutex::new(queue);
     let (done, outcomes) = channel();
@@ -123,13 +124,9 @@ pub fn run(
             scope.spawn(move || {
                 let mut trail = options.track.then(Trail::default);
                 while let Some((index, frame)) = queue.lock().map_or(None, |q| q.recv().ok()) {
-                    if done
-                        .send((
-                            index,
-                            search_safely(frame, model, options, slot * share..(slot + 1) * share, &mut trail),
-                        ))
-                        .is_err()
-                    {
+                    let outcome =
+                        search_safely(frame, model, options, slot * sharing..(slot + 1) * sharing, &mut trail);
+                    if done.send((index, outcome)).is_err() {
                         return;
                     }
                 }

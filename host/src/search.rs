@@ -300,7 +300,7 @@ static QVGA: [Mutex<QvgaDetector>; MAX_THREADS] = [const { Mutex::new(QvgaDetect
 static QQVGA: [Mutex<QqvgaDetector>; MAX_THREADS] = [const { Mutex::new(QqvgaDetector::new()) }; MAX_THREADS];
 
 /// Searches a frame that fits the detector, as `request` says. The results are in px of the frame;
-/// profile, region, mirror and format of the request are not used.
+/// profile, region, mirror, format and `wide` of the request are not used.
 ///
 /// # Errors
 /// When the frame is too large for the detector.
@@ -434,7 +434,8 @@ pub fn search(
     search_for(picture, model, &Request { details, ..Request::new(profile, threshold) }, slot)
 }
 
-/// Searches `picture` as `request` says, with the detector of thread `slot`.
+/// Searches `picture` as `request` says, with the detector of thread `slot`. It does not search it squeezed:
+/// [`search_widely`](crate::wide::search_widely) does.
 ///
 /// # Errors
 /// When the picture is too small.

@@ -1,23 +1,24 @@
 //! A picture searched once more as it looks squeezed along each of eight directions.
 //!
-//! An object seen from far to the side is narrow. Squeezed across that direction, the picture shows it as if it
-//! was seen from nearer the front ([`Squeeze`]). The searches of the squeezed pictures are those of any picture, with
-//! the same thresholds; of several outlines at one place the best stays.
+//! An object that is seen from far to the side is narrow along one direction. Squeezing the picture along the other
+//! one makes the object look as from nearer the front ([`Squeeze`]). The searches of the squeezed pictures are those of
+//! any picture, with the same thresholds; of several outlines at one place the best stays.
 //!
-//! In: a picture, a model. Out: [`Found`], in px of the picture. Memory: a squeezed copy of the picture, and the
-//! detector of the next larger profile, because a squeezed picture is long. Cost: that of eight searches.
+//! In: a picture, a model. Out: [`Found`], in px of the picture. Memory: a copy of the picture, and for each thread a
+//! squeezed one and the detector of the next larger profile, because a squeezed picture is long. Cost: that of eight
+//! searches.
 
 use std::mem::take;
 use std::ops::Range;
 use std::panic::resume_unwind;
 use std::thread;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
-use anyhow::Result;
+use anyhow::{Result, ensure};
 use keygraph_core::stages::frame::MIN_SIDE;
 use keygraph_core::stages::plane::Plane;
 use keygraph_core::stages::squeeze::Squeeze;
-use keygraph_core::{Detection, Frame, Homography, Model, PixelFormat, Surface};
+use keygraph_core::{CellMatch, Detection, Frame, Homography, Model, PixelFormat, Surface};
 
 use crate::input::Picture;
 use crate::search::{AnyDetector, Found, Profile, Request, prepare_for, search_for, search_frame, with_detector};
@@ -33,16 +34,45 @@ const DIRECTIONS: usize = 8;
 /// The score from which on the one object of a model is found without doubt, so that nothing more is searched.
 const SURE: f32 = 0.99;
 
-/// Searches `picture` as [`search_for`] does, and with [`Request::wide`] for what is seen from far to the side, too,
-/// unless the model has one object and that is found without doubt. The detectors of the threads `slots` share the
-/// work; what they find does not depend on their number.
+/// Searches `picture` as [`search_for`] does, and where [`is_wanted`] says so as [`search_squeezed`] does.
 ///
 /// # Errors
-/// When the picture is too small.
+/// When the picture is too small, and as [`search_squeezed`].
 pub fn search_widely(picture: &Picture, model: &Model<'_>, request: &Request, slots: Range<usize>) -> Result<Found> {
     let start = Instant::now();
     let found = search_for(picture, model, request, slots.start)?;
-    let Some(wide) = Wide::after(&found, picture, model, request, start)? else { return Ok(found) };
+    if !is_wanted(&found, model, request) {
+        return Ok(found);
+    }
+    search_squeezed(found, picture, model, request, (slots, start))
+}
+
+/// Whether a picture is searched squeezed when a search of it has found `found`: with [`Request::wide`], unless the
+/// model has one object and that is found without doubt. A second copy of it is then not looked for.
+#[must_use]
+pub fn is_wanted(found: &Found, model: &Model<'_>, request: &Request) -> bool {
+    let is_sure = model.objects() == 1 && found.detections.first().is_some_and(|d| d.score >= SURE);
+    request.wide && !is_sure
+}
+
+/// Adds to what a search of `picture` has found what is seen from far to the side. The detectors of the threads `slots`
+/// share the work; what they find does not depend on their number. `start` is the time at which the search of the picture
+/// began.
+///
+/// # Errors
+/// When the region of the request does not suit the picture, and when the request has a lens: straight lines are taken as
+/// straight.
+pub fn search_squeezed(
+    found: Found,
+    picture: &Picture,
+    model: &Model<'_>,
+    request: &Request,
+    (slots, start): (Range<usize>, Instant),
+) -> Result<Found> {
+    let wide = match Wide::new(picture, model, request, start)? {
+        Some(wide) => wide,
+        None => return Ok(stopped(found)),
+    };
     let (first, step) = (slots.start, slots.len().max(1));
     let search =
         |k: usize| with_detector(larger(request.profile), first + k, |detector| wide.search(detector, k, step));
@@ -59,26 +89,25 @@ pub fn search_widely(picture: &Picture, model: &Model<'_>, request: &Request, sl
     Ok(wide.joined(found, all))
 }
 
-/// Does what [`search_widely`] does after the search of the picture has found `found`, with one detector of the profile
-/// that [`larger`] tells. `start` is the time at which the search of the picture began.
+/// Does what [`search_squeezed`] does with one detector, of the profile that [`larger`] tells.
 ///
 /// # Errors
-/// When the region of the request does not suit the picture, or the detector is too small.
-pub fn widened(
+/// As [`search_squeezed`], and when the detector is too small.
+pub fn search_squeezed_by(
+    detector: &mut AnyDetector,
     found: Found,
     picture: &Picture,
-    (detector, model): (&mut AnyDetector, &Model<'_>),
-    request: &Request,
-    start: Instant,
+    model: &Model<'_>,
+    (request, start): (&Request, Instant),
 ) -> Result<Found> {
-    let Some(wide) = Wide::after(&found, picture, model, request, start)? else { return Ok(found) };
+    let Some(wide) = Wide::new(picture, model, request, start)? else { return Ok(stopped(found)) };
     let all = wide.search(detector, 0, 1)?;
     Ok(wide.joined(found, all))
 }
 
 /// A picture that is searched squeezed.
 struct Wide<'a> {
-    /// The picture as Gray8 or I420, not larger than its squeezed pictures may be.
+    /// The picture as Gray8 or I420, scaled so that each squeezed picture fits the detector.
     data: Vec<u8>,
     size: (usize, usize),
     format: PixelFormat,
@@ -89,16 +118,10 @@ struct Wide<'a> {
 }
 
 impl<'a> Wide<'a> {
-    /// The picture, when it is to be searched squeezed after a search has found `found`.
-    fn after(
-        found: &Found,
-        picture: &Picture,
-        model: &'a Model<'a>,
-        request: &Request,
-        start: Instant,
-    ) -> Result<Option<Self>> {
-        let is_sure = model.objects() == 1 && found.detections.first().is_some_and(|d| d.score >= SURE);
-        if !request.wide || is_sure {
+    /// Prepares the picture. `None` when no time is left.
+    fn new(picture: &Picture, model: &'a Model<'a>, request: &Request, start: Instant) -> Result<Option<Self>> {
+        ensure!(request.lens.is_none(), "a wide search takes straight lines as straight: leave out the lens");
+        if left(request, start) == Some(Duration::ZERO) {
             return Ok(None);
         }
         // The squeezed pictures have the format that squeezing gives them.
@@ -120,10 +143,13 @@ impl<'a> Wide<'a> {
             if squeeze.width.min(squeeze.height) < MIN_SIDE {
                 continue;
             }
+            let budget = left(&self.request, self.start);
+            if budget == Some(Duration::ZERO) {
+                all.push((i, stopped(Found::default())));
+                break;
+            }
             let bytes = squeezed(&self.data, self.size, self.format, &squeeze);
             let frame = Frame::new(self.format, squeeze.width, squeeze.height, &bytes)?;
-            // What is left of the time.
-            let budget = self.request.budget.map(|most| most.saturating_sub(self.start.elapsed()));
             let mut found = search_frame(detector, &frame, self.model, &Request { budget, ..self.request })?;
             found.map_back(&self.to_picture.after(&squeeze.to_frame));
             all.push((i, found));
@@ -138,6 +164,17 @@ impl<'a> Wide<'a> {
         found.total_ns = u64::try_from(self.start.elapsed().as_nanos()).unwrap_or(u64::MAX);
         found
     }
+}
+
+/// What is left of the time of a search that began at `start`; `None` when it has no end.
+fn left(request: &Request, start: Instant) -> Option<Duration> {
+    request.budget.map(|most| most.saturating_sub(start.elapsed()))
+}
+
+/// What a search has found that its time has ended.
+fn stopped(mut found: Found) -> Found {
+    found.stats.stopped = true;
+    found
 }
 
 /// The profile whose detector takes the squeezed pictures of a search with this profile: they are long.
@@ -179,68 +216,74 @@ fn squeezed(data: &[u8], (w, h): (usize, usize), format: PixelFormat, squeeze: &
 }
 
 /// One detection with what is known of it.
-struct Instance {
+struct Entry {
     detection: Detection,
     rivals: Vec<(u16, f32)>,
     surface: Option<Surface>,
     supporters: Vec<[[f32; 2]; 3]>,
+    matches: Vec<CellMatch>,
 }
 
 /// What several searches of one picture have found: at each place the best outline of an object, and the object that
 /// fits best, unless all names are asked for. Counts and times are those of all searches, the rest that of the picture.
 fn merged(mut plain: Found, squeezed: impl Iterator<Item = Found>, all_names: bool) -> Found {
-    let mut instances = instances_of(&mut plain);
+    let mut all = taken_from(&mut plain);
     for mut found in squeezed {
-        instances.extend(instances_of(&mut found));
+        all.extend(taken_from(&mut found));
         plain.stats.add(&found.stats);
     }
-    instances.sort_by(|a, b| b.detection.score.total_cmp(&a.detection.score));
-    let mut kept: Vec<Instance> = Vec::new();
-    for instance in instances {
-        if !kept.iter().any(|k| k.detection.is_twin(&instance.detection)) {
-            kept.push(instance);
+    all.sort_by(|a, b| b.detection.score.total_cmp(&a.detection.score));
+    let mut best: Vec<Entry> = Vec::new();
+    for entry in all {
+        match best.iter_mut().find(|b| b.detection.is_twin(&entry.detection)) {
+            Some(twin) => twin.rivals.extend(entry.rivals),
+            None => best.push(entry),
         }
     }
     if !all_names {
-        kept = named(kept);
+        best = best_names(best);
     }
-    for Instance { detection, rivals, surface, supporters } in kept {
+    for Entry { detection, mut rivals, surface, supporters, matches } in best {
+        // Of each object the best score, and the best of all first.
+        rivals.sort_by(|a, b| a.0.cmp(&b.0).then(b.1.total_cmp(&a.1)));
+        rivals.dedup_by_key(|r| r.0);
+        rivals.sort_by(|a, b| b.1.total_cmp(&a.1));
         plain.detections.push(detection);
         plain.rivals.push(rivals);
         plain.surfaces.push(surface);
         plain.supporters.push(supporters);
+        plain.matches.push(matches);
     }
     plain
 }
 
 /// Takes the detections out of what a search has found.
-fn instances_of(found: &mut Found) -> Vec<Instance> {
+fn taken_from(found: &mut Found) -> Vec<Entry> {
     let mut rivals = take(&mut found.rivals).into_iter();
     let mut surfaces = take(&mut found.surfaces).into_iter();
     let mut supporters = take(&mut found.supporters).into_iter();
-    let instance = |detection| Instance {
+    let mut matches = take(&mut found.matches).into_iter();
+    let entry = |detection| Entry {
         detection,
         rivals: rivals.next().unwrap_or_default(),
         surface: surfaces.next().flatten(),
         supporters: supporters.next().unwrap_or_default(),
+        matches: matches.next().unwrap_or_default(),
     };
-    take(&mut found.detections).into_iter().map(instance).collect()
+    take(&mut found.detections).into_iter().map(entry).collect()
 }
 
 /// The object that fits best at each place. What it beats is among its rivals.
-fn named(all: Vec<Instance>) -> Vec<Instance> {
-    let beats =
-        |a: &Instance, b: &Instance| a.detection.is_rival(&b.detection) && a.detection.fit() > b.detection.fit();
-    let is_best: Vec<bool> = all.iter().map(|a| !all.iter().any(|b| beats(b, a))).collect();
+fn best_names(all: Vec<Entry>) -> Vec<Entry> {
+    let is_best: Vec<bool> = all.iter().map(|a| !all.iter().any(|b| b.detection.beats(&a.detection))).collect();
     let (mut best, mut beaten) = (Vec::new(), Vec::new());
-    all.into_iter().zip(is_best).for_each(|(a, is_best)| if is_best { best.push(a) } else { beaten.push(a) });
+    all.into_iter().zip(is_best).for_each(|(entry, is_best)| if is_best { &mut best } else { &mut beaten }.push(entry));
     for winner in &mut best {
-        let lost = beaten.iter().filter(|b| b.detection.is_rival(&winner.detection));
-        winner.rivals.extend(lost.map(|b| (b.detection.object, b.detection.score)));
-        // Of each object the best score.
-        winner.rivals.sort_by(|a, b| a.0.cmp(&b.0).then(b.1.total_cmp(&a.1)));
-        winner.rivals.dedup_by_key(|r| r.0);
-        winner.rivals.sort_by(|a, b| b.1.total_cmp(&a.1));
+        for lost in beaten.iter().filter(|b| b.detection.is_rival(&winner.detection)) {
+            winner.rivals.push((lost.detection.object, lost.detection.score));
+            let others = lost.rivals.iter().filter(|(object, _)| *object != winner.detection.object);
+            winner.rivals.extend(others);
+        }
     }
     best
 }
@@ -267,13 +310,27 @@ mod tests {
     fn at_each_place_the_best_outline_stays() {
         let join = |all_names| {
             let squeezed = [found(&[(0, 4.0, 0.95), (0, 200.0, 0.85)]), found(&[(1, 2.0, 0.97)])];
-            merged(found(&[(0, 0.0, 0.9)]), squeezed.into_iter(), all_names)
+            let plain = Found { rivals: vec![vec![(2, 0.4)]], ..found(&[(0, 0.0, 0.9)]) };
+            merged(plain, squeezed.into_iter(), all_names)
         };
         let best = join(false);
         assert_eq!(told(&best), [(1, 0.97), (0, 0.85)]);
-        assert_eq!(best.rivals, [vec![(0, 0.95)], vec![]]);
+        assert_eq!(best.rivals, [vec![(0, 0.95), (2, 0.4)], vec![]], "a rival of a twin of what was beaten, too");
         assert_eq!(told(&join(true)), [(1, 0.97), (0, 0.95), (0, 0.85)]);
         assert_eq!(best.surfaces.len(), 2);
+    }
+
+    #[test]
+    fn outlines_of_a_mirrored_picture_are_compared_as_any() {
+        let mirror = Homography::affine([-1.0, 0.0, 639.0, 0.0, 1.0, 0.0]);
+        let mirrored = |all: &[(u16, f32, f32)]| {
+            let mut found = found(all);
+            found.map_back(&mirror);
+            found
+        };
+        let squeezed = [mirrored(&[(0, 4.0, 0.95)]), mirrored(&[(1, 2.0, 0.97)])];
+        let best = merged(mirrored(&[(0, 0.0, 0.9)]), squeezed.into_iter(), false);
+        assert_eq!((told(&best), best.rivals), (vec![(1, 0.97)], vec![vec![(0, 0.95)]]));
     }
 
     #[test]

@@ -108,16 +108,16 @@ def mixed():
     return head(["median and 99th percentile, ms", *kinds.values()]) + lines
 
 
-def tilt():
+def tilt(told=None):
     """Found from far to the side, by tilt, and what a frame costs that does not show the object."""
-    told = read_record("tilt")
+    told = told or read_record("tilt")
     lines = []
     for label, numbers in told["detectors"].items():
         cells = [str(n) for n in numbers["found"].values()]
-        lines.append(row([label, *cells, str(numbers["misplaced"]), f"{numbers['absent_ms']:.0f}"]))
-    angles = next(iter(told["detectors"].values()))["found"]
-    columns = [f"found of {told['frames']}, tilted by", *(f"{a}°" for a in angles), "misplaced", "ms, absent"]
-    return head(columns) + lines
+        alarms, ms = str(numbers["false_alarms"]), f"{numbers['absent_ms']:.0f}"
+        lines.append(row([label, *cells, str(numbers["misplaced"]), alarms, ms]))
+    angles = [f"{a}°" for a in next(iter(told["detectors"].values()))["found"]]
+    return head([f"found of {told['frames']}, tilted by", *angles, "wrong place", "absent: alarms", "ms"]) + lines
 
 
 def stages(told=None):

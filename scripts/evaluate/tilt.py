@@ -11,7 +11,8 @@ from detectors import Keygraph, try_search
 from mixed import strange_frames
 from pictures import read_pictures
 from progress import Progress
-from scoring import is_found
+from scoring import judge
+from tables import tilt as table
 
 TILTS = (50, 60, 65, 70, 75, 80)
 # Longer side of the object seen from the front, in units of frames.UNIT: 420 to 590 px.
@@ -37,9 +38,10 @@ def tilt(args, folder):
                 frames = [studio.shoot(picture, factors, "tilt", angle, n) for n in range(args.frames)]
                 for detector in detectors:
                     for frame, search in try_search(detector, picture, frames):
-                        right = is_found(search.detections, frame.quads[picture.digest])
+                        verdicts = judge(search.detections, frame.quads[picture.digest])
+                        right = sum(verdict.right for verdict in verdicts)
                         found[detector.label][angle] += right
-                        misplaced[detector.label] += len(search.detections) - right
+                        misplaced[detector.label] += len(verdicts) - right
                     progress.add(len(frames))
                 studio.clear(frames)
             rng = random.Random(f"{args.seed}-{i}")
@@ -59,6 +61,6 @@ def tilt(args, folder):
         }
         for label, line in found.items()
     }
-    for label, told in numbers.items():
-        print(label, told)
-    return {"frames": shown, "detectors": numbers}
+    told = {"frames": shown, "detectors": numbers}
+    print(*table(told), sep="\n")
+    return told

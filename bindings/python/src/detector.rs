@@ -109,9 +109,9 @@ fn answer<'py>(
 ///     min_visible: Minimum share of an object that must be seen and agree, 0 to 1.
 ///     thorough: Search all of each frame for all of the models, and again in tiles: finds small objects,
 ///         in three times the time of a frame that shows nothing.
-///     wide: Search for what is seen from far to the side, too, up to 80 degrees and more: each frame is searched eight
+///     wide: Search for what is seen from far to the side, too, up to some 80 degrees: each frame is searched eight
 ///         times more, as it looks squeezed along eight directions, unless the one object of the models is found
-///         without doubt.
+///         without doubt. It takes a second detector, of the next larger profile (3 MB for `"vga"`).
 ///     all_names: Report all objects that could be at a place, and not the best alone.
 ///     budget_ms: Stop the search of a frame after this time, ms, and report what was found.
 ///     roi: Search this part of each frame alone, at its own resolution: (x, y, width, height), each px or
@@ -311,6 +311,7 @@ impl Tracker {
             min_visible,
             thorough,
             false,
+            false,
             budget_ms,
             roi,
             mirror,
@@ -357,7 +358,7 @@ impl Tracker {
         let reading = Reading::new(order, format, size, stride)?;
         answer(frame, &reading, (&self.model, &self.request), |search, view| {
             let mut trail = lock(&self.trail);
-            let Trail { room: Room { detector, scratch }, follower, size } = &mut *trail;
+            let Trail { room: Room { detector, scratch, .. }, follower, size } = &mut *trail;
             // The size is put back below, when the frame was tracked.
             if size.take().is_none_or(|before| before != view.size()) {
                 follower.tracker.reset();

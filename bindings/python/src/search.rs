@@ -9,7 +9,7 @@ use std::time::Instant;
 
 use keygraph::picture::{Part, Picture, Pixels};
 use keygraph::search::{AnyDetector, Found, Profile, Request, prepare};
-use keygraph::wide::{larger, widened};
+use keygraph::wide::{is_wanted, larger, search_squeezed_by};
 use keygraph_core::{Frame, FrameError, HdDetector, PixelFormat, QqvgaDetector, QvgaDetector, VgaDetector, Window};
 use pyo3::prelude::*;
 
@@ -141,10 +141,13 @@ impl Search<'_> {
 
     /// Adds what is seen from far to the side to what was found in a frame. The detector is a larger one.
     pub fn widen(&self, found: Found, view: &View<'_>, detector: &mut AnyDetector) -> Result<Found, Refused> {
+        if !is_wanted(&found, self.model.view(), self.request) {
+            return Ok(found);
+        }
         let mut owned = None;
         let picture = as_picture(view, &mut owned)?;
-        let found = widened(found, picture, (detector, self.model.view()), self.request, self.start);
-        found.map_err(Refused::Other)
+        let request = (self.request, self.start);
+        search_squeezed_by(detector, found, picture, self.model.view(), request).map_err(Refused::Other)
     }
 
     /// The frame as it is in memory, or a part of it, when it fits the detector so.

@@ -242,7 +242,7 @@ def test_an_assessment_is_of_one_object(model: keygraph.Model, coffee: keygraph.
         ),
         ({"intrinsics": CAMERA, "distortion": "0,0,0,0"}, TypeError, "expected a list of numbers"),
         ({"intrinsics": CAMERA, "distortion": [0] * 4, "mirror": True}, ValueError, "not mirrored"),
-        ({"wide": True}, TypeError, "wide"),
+        ({"widest": True}, TypeError, "widest"),
     ],
 )
 def test_what_is_no_option(options: dict[str, Any], error: type[Exception], said: str, compact: keygraph.Model) -> None:

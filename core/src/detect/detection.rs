@@ -90,9 +90,17 @@ impl Detection {
     #[inline(never)]
     #[must_use]
     pub fn is_rival(&self, other: &Self) -> bool {
-        let (a, b) = (area(&self.corners), area(&other.corners));
+        let [a, b] = [self, other].map(|d| area(&d.corners).abs());
         let alike = a < MAX_RIVAL * b && b < MAX_RIVAL * a;
         alike && self.object != other.object && overlap(&self.corners, &other.corners)
+    }
+
+    /// Whether the detection names a place better than `other`, a rival, does: by the parts in which their objects
+    /// differ.
+    #[must_use]
+    pub fn beats(&self, other: &Self) -> bool {
+        let (fit, others) = (self.fit(), other.fit());
+        (fit > others || (fit == others && self.object < other.object)) && self.is_rival(other)
     }
 
     /// How much of the object agrees with the frame, 0 to 1, and how well. It does not saturate: of
@@ -115,6 +123,9 @@ impl Detection {
 /// gives shifted copies of the outline, and these overlap.
 pub(crate) fn overlap(a: &[[f32; 2]; 4], b: &[[f32; 2]; 4]) -> bool {
     const SIDE: u8 = 6;
+    // Outlines in a mirrored frame turn the other way.
+    let turned = |q: &[[f32; 2]; 4]| if area(q) < 0.0 { [q[0], q[3], q[2], q[1]] } else { *q };
+    let (a, b) = (&turned(a), &turned(b));
     let share = |inner: &[[f32; 2]; 4], outer: &[[f32; 2]; 4]| {
         let mix = |p: [f32; 2], q: [f32; 2], t: f32| [p[0] + (q[0] - p[0]) * t, p[1] + (q[1] - p[1]) * t];
         let at = |i: u8| (f32::from(i) + 0.5) / f32::from(SIDE);
@@ -136,5 +147,7 @@ mod tests {
         assert!(!overlap(&at(0.0), &at(8.5)), "a sixth");
         let small = [[2.0, 2.0], [4.0, 2.0], [4.0, 4.0], [2.0, 4.0]];
         assert!(overlap(&at(0.0), &small) && overlap(&small, &at(0.0)));
+        let mirrored = |q: [[f32; 2]; 4]| q.map(|[x, y]| [-x, y]);
+        assert!(overlap(&mirrored(at(0.0)), &mirrored(at(6.5))) && !overlap(&mirrored(at(0.0)), &mirrored(at(8.5))));
     }
 }

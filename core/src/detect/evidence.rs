@@ -138,8 +138,7 @@ pub(crate) fn accept(detections: &mut Detections, d: &Detection, threshold: f32,
 pub(crate) fn name(detections: &mut Detections, pace: &mut dyn Pace) -> usize {
     let mut beats = |a: &Detection, b: &Detection| {
         pace.goes_on();
-        let (fit, other) = (a.fit(), b.fit());
-        (fit > other || (fit == other && a.object < b.object)) && a.is_rival(b)
+        a.beats(b)
     };
     let mut named = 0;
     for i in 0..detections.len() {

@@ -1,9 +1,9 @@
 //! Squeezes a frame along one direction.
 //!
-//! An object that is seen from far to the side is narrow along one direction. In a frame that is squeezed across
-//! that direction it is as wide as high again, as if it was seen from the front, and small. So a search of squeezed
-//! frames finds what no view of a model comes near (J.-M. Morel and G. Yu, *ASIFT: A New Framework for Fully Affine
-//! Invariant Image Comparison*, 2009, squeeze both the picture and the frame).
+//! An object that is seen from far to the side is narrow along one direction. In a frame that is squeezed along the
+//! other one it looks as from nearer the front, and smaller. So a search of squeezed frames finds what no view of a
+//! model comes near (J.-M. Morel and G. Yu, *ASIFT: A New Framework for Fully Affine Invariant Image Comparison*, 2009,
+//! squeeze both the picture and the frame).
 //!
 //! In: a plane of bytes, and a direction. Out: the plane squeezed along it, turned so that the direction is that of
 //! the rows. Each pixel is the mean of samples along what it covers, so that nothing aliases. What lies outside of the
@@ -58,10 +58,11 @@ impl Squeeze {
     #[must_use]
     pub fn halved(&self) -> Self {
         let to_frame = Homography::scaling([0.5; 2]).after(&self.to_frame).after(&Homography::scaling([2.0; 2]));
-        Self { width: self.width / 2, height: self.height / 2, to_frame, factor: self.factor }
+        Self { width: (self.width / 2).max(1), height: (self.height / 2).max(1), to_frame, factor: self.factor }
     }
 
-    /// Writes the squeezed plane to `out`, row after row.
+    /// Writes the squeezed plane to `out`, row after row. The plane has the size that the squeeze was made for, and sides of
+    /// 2 px or more.
     ///
     /// # Panics
     /// When `out` is shorter than the squeezed plane.

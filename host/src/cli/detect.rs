@@ -2,22 +2,24 @@
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use anyhow::Result;
 use clap::error::ErrorKind;
 use keygraph::canvas::Canvas;
 use keygraph::gallery::Gallery;
 use keygraph::input::{Kind, Reading, Source, read_picture};
-use keygraph::notice::notice;
+use keygraph::notice::{is_quiet, notice};
 use keygraph::output::{Inputs, file_stem, plain, plain_lines, print_line, tell_written_files};
 use keygraph::pose::{Calibration, CameraArguments};
 use keygraph::progress::Progress;
 use keygraph::region::{Look, Unsuitable};
 use keygraph::run::{Options, run as search_all};
-use keygraph::search::{Profile, Request, Shape, depth_of, parse_budget, parse_share, parse_threshold};
+use keygraph::search::{
+    Found, Profile, Request, Shape, depth_of, parse_budget, parse_share, parse_threshold, search_for,
+};
 use keygraph::sensor::SensorFormat;
-use keygraph::wide::search_widely;
+use keygraph::wide::search_squeezed;
 use keygraph::{report, words};
 use keygraph_core::{DEFAULT_THRESHOLD, Model};
 
@@ -89,8 +91,9 @@ pub struct Search {
     /// frame that shows nothing, for each object
     #[arg(long)]
     thorough: bool,
-    /// Search for what is seen from far to the side, too, up to 80 degrees and more: each frame is searched eight times
-    /// more, as it looks squeezed along eight directions, unless the one object of the model is found without doubt
+    /// Search for what is seen from far to the side, too, up to some 80 degrees: each frame is searched eight times more,
+    /// as it looks squeezed along eight directions. A model of one object that is found without doubt needs no more; a
+    /// second copy of it is then not looked for
     #[arg(long, conflicts_with_all = ["track", "digests", "format"])]
     wide: bool,
     #[command(flatten)]
@@ -259,6 +262,7 @@ pub fn search(bytes: &[u8], paths: &[PathBuf], arguments: &Search) -> Result<Exi
     }
     if let Some(Some(name)) = empty
         && !arguments.track
+        && !is_quiet()
     {
         hint_at_others(&name, &model, &options);
     }
@@ -277,19 +281,21 @@ fn flat_name(source: &str, kind: Kind, frame: u64, object: &str) -> String {
 }
 
 /// Says so when the other `--mirror`, or `--wide`, finds an object in a picture in which nothing was found. It costs
-/// some searches for the whole run.
+/// nine searches for the whole run.
 fn hint_at_others(name: &str, model: &Model<'_>, options: &Options<'_>) {
-    let request = &options.request;
     let Ok(picture) = read_picture(Path::new(name)) else { return };
-    let finds = |other: &Request| {
-        let other = Request { details: false, digests: false, ..*other };
-        search_widely(&picture, model, &other, 0..1).is_ok_and(|f| !f.detections.is_empty())
-    };
-    let mirror = !request.mirror;
-    if finds(&Request { mirror, wide: false, ..*request }) {
-        let (how, advice) = if mirror { ("", "use") } else { ("not ", "leave out") };
+    let request = Request { details: false, digests: false, ..options.request };
+    let mirrored = Request { mirror: !request.mirror, ..request };
+    if search_for(&picture, model, &mirrored, 0).is_ok_and(|f| !f.detections.is_empty()) {
+        let (how, advice) = if mirrored.mirror { ("", "use") } else { ("not ", "leave out") };
         notice(&format!("{}: found when {how}mirrored: {advice} --mirror", plain(name)));
-    } else if !request.wide && options.optics.is_none() && finds(&Request { wide: true, ..*request }) {
+        return;
+    }
+    if request.wide || options.optics.is_some() || options.request.digests || request.format.is_some() {
+        return;
+    }
+    let squeezed = search_squeezed(Found::default(), &picture, model, &request, (0..options.threads, Instant::now()));
+    if squeezed.is_ok_and(|f| !f.detections.is_empty()) {
         notice(&format!("{}: found from far to the side: use --wide", plain(name)));
     }
 }

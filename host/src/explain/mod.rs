@@ -2,18 +2,21 @@
 //!
 //! In: the model of one picture, the picture, and a frame. Out: an [`Explanation`]. A frame in which nothing is found
 //! is searched again in other ways, to tell what would help. Memory: a canvas for each stage. Cost: one search, and up
-//! to five more where nothing is found.
+//! to fourteen more where nothing is found.
 
 mod draw;
 mod trace;
+
+use std::time::Instant;
 
 use anyhow::Result;
 use keygraph_core::{Detection, Frame, Model};
 
 use crate::canvas::Canvas;
 use crate::input::Picture;
-use crate::search::{Found, Profile, Request, depth_of, fit, with_detector};
-use crate::wide::search_widely;
+use crate::run::default_threads;
+use crate::search::{Found, Profile, Request, depth_of, fit, search_for, with_detector};
+use crate::wide::search_squeezed;
 use trace::{Pair, Trace, homography};
 
 /// Minimum of corners in a frame with texture, on all levels: photographs have 300 and more.
@@ -140,17 +143,21 @@ fn trials(
     if request.depth != depth_of(true) {
         ways.push(("--thorough", Request { depth: depth_of(true), ..plain }));
     }
-    ways.push(("--wide", Request { wide: true, ..plain }));
     if is_scaled && request.profile != Profile::Hd {
         ways.push(("--profile hd", Request { profile: Profile::Hd, ..plain }));
         ways.push(("--profile hd --thorough", Request { profile: Profile::Hd, depth: depth_of(true), ..plain }));
     }
     let mut helped = Vec::new();
     for (option, way) in ways {
-        let found = search_widely(frame, model, &way, 0..1)?;
+        let found = search_for(frame, model, &way, 0)?;
         if !found.detections.is_empty() {
             helped.push((option, found));
         }
+    }
+    let start = Instant::now();
+    let squeezed = search_squeezed(Found::default(), frame, model, &plain, (0..default_threads(), start))?;
+    if !squeezed.detections.is_empty() {
+        helped.push(("--wide", squeezed));
     }
     Ok(helped)
 }

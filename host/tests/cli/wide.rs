@@ -9,8 +9,8 @@ use keygraph::render::{Exposure, Pose, Print, Scene, corner_error};
 use keygraph_core::Homography;
 
 use crate::astronaut;
-use crate::lines::{assert_line, assert_outline, corners, list, only, path};
-use crate::program::{Folder, frame, picture};
+use crate::lines::{assert_line, assert_outline, corners, count, list, only, path};
+use crate::program::{Folder, frame, picture, pixels};
 
 /// A picture of the astronaut, tilted by 78 degrees, and where it is seen.
 fn steep(folder: &Folder) -> (PathBuf, [[f32; 2]; 4]) {
@@ -61,6 +61,29 @@ fn what_is_seen_from_far_to_the_side_is_found_and_told() {
         only(&crate::program::keygraph(&arguments).ended_with(0).lines()[0])
     });
     assert_eq!(usual[0], usual[1]);
+}
+
+#[test]
+fn a_mirrored_picture_has_each_object_once() {
+    let folder = Folder::new("wide-mirror");
+    let (model, (steep, truth), mirrored) = (astronaut(&folder), steep(&folder), folder.join("mirrored.png"));
+    image::imageops::flip_horizontal(&pixels(&steep)).save(&mirrored).unwrap();
+    let other = folder.join("coffee.kgm");
+    keygraph!("train", picture("coffee"), "-o", other, "--preset", "compact").ended_with(0);
+    // A model of two objects is searched for to the end.
+    let run = keygraph!("detect", "-m", model, "-m", other, "--json", "--wide", "--mirror", mirrored).ended_with(0);
+    let found = only(&run.lines()[0]).map(|[x, y]| [(999.0 - x) as f32, y as f32]);
+    assert!(corner_error(&found, &truth) < 0.1, "{}", run.out);
+}
+
+#[test]
+fn a_search_whose_time_is_over_is_not_wide() {
+    let folder = Folder::new("wide-budget");
+    let (model, (steep, _)) = (astronaut(&folder), steep(&folder));
+    let run = keygraph!("detect", "-m", model, "--json", "--wide", "--budget-ms", "0.1", steep).ended_with(0);
+    let line = &run.lines()[0];
+    assert_eq!((&line["complete"], list(line, "detections").len()), (&serde_json::json!(false), 0), "{line}");
+    assert_eq!(count(&line["stages"]["classify"], "seen"), 0, "no squeezed picture was searched: {line}");
 }
 
 #[test]
