@@ -2,11 +2,12 @@
 //!
 //! An object that is seen from far to the side is narrow along one direction. Squeezing the picture along the other
 //! one makes the object look as from nearer the front ([`Squeeze`]). The searches of the squeezed pictures are those of
-//! any picture, with the same thresholds; of several outlines at one place the best stays.
+//! any picture, with the same thresholds; of several outlines at one place the best stays. What is found is then searched
+//! for once more, squeezed as its own outline says.
 //!
 //! In: a picture, a model. Out: [`Found`], in px of the picture. Memory: a copy of the picture, and for each thread a
 //! squeezed one and the detector of the next larger profile, because a squeezed picture is long. Cost: that of eight
-//! searches.
+//! searches, and of one for each object that is found.
 
 use std::mem::take;
 use std::ops::Range;
@@ -30,6 +31,10 @@ const FACTOR: u8 = 5;
 /// Number of directions. With a factor of 5 and eight of them, an object that is tilted by 80 degrees along any
 /// direction looks tilted by 70 degrees at most in one of the squeezed pictures.
 const DIRECTIONS: usize = 8;
+
+/// How many times as narrow as from the front an object looks in the picture in which its outline is refined. Models
+/// have views that are narrower.
+const TILTED: f32 = 1.5;
 
 /// The score from which on the one object of a model is found without doubt, so that nothing more is searched.
 const SURE: f32 = 0.99;
@@ -86,7 +91,8 @@ pub fn search_squeezed(
     for part in parts {
         all.extend(part?);
     }
-    Ok(wide.joined(found, all))
+    let found = wide.joined(found, all);
+    with_detector(larger(request.profile), first, |detector| wide.refined(detector, found))
 }
 
 /// Does what [`search_squeezed`] does with one detector, of the profile that [`larger`] tells.
@@ -102,7 +108,7 @@ pub fn search_squeezed_by(
 ) -> Result<Found> {
     let Some(wide) = Wide::new(picture, model, request, start)? else { return Ok(stopped(found)) };
     let all = wide.search(detector, 0, 1)?;
-    Ok(wide.joined(found, all))
+    wide.refined(detector, wide.joined(found, all))
 }
 
 /// A picture that is searched squeezed.
@@ -140,21 +146,55 @@ impl<'a> Wide<'a> {
         let mut all = Vec::new();
         for i in (first..DIRECTIONS).step_by(step) {
             let squeeze = Squeeze::new(self.size, FACTOR, 180.0 * i as f32 / DIRECTIONS as f32);
-            if squeeze.width.min(squeeze.height) < MIN_SIDE {
-                continue;
-            }
-            let budget = left(&self.request, self.start);
-            if budget == Some(Duration::ZERO) {
-                all.push((i, stopped(Found::default())));
-                break;
-            }
-            let bytes = squeezed(&self.data, self.size, self.format, &squeeze);
-            let frame = Frame::new(self.format, squeeze.width, squeeze.height, &bytes)?;
-            let mut found = search_frame(detector, &frame, self.model, &Request { budget, ..self.request })?;
-            found.map_back(&self.to_picture.after(&squeeze.to_frame));
-            all.push((i, found));
+            all.extend(self.search_one(detector, &squeeze)?.map(|found| (i, found)));
         }
         Ok(all)
+    }
+
+    /// What is found in one squeezed picture, in px of the picture. `None` when it is too small.
+    fn search_one(&self, detector: &mut AnyDetector, squeeze: &Squeeze) -> Result<Option<Found>> {
+        if squeeze.width.min(squeeze.height) < MIN_SIDE {
+            return Ok(None);
+        }
+        let budget = left(&self.request, self.start);
+        if budget == Some(Duration::ZERO) {
+            return Ok(Some(stopped(Found::default())));
+        }
+        let bytes = squeezed(&self.data, self.size, self.format, squeeze);
+        let frame = Frame::new(self.format, squeeze.width, squeeze.height, &bytes)?;
+        let mut found = search_frame(detector, &frame, self.model, &Request { budget, ..self.request })?;
+        found.map_back(&self.to_picture.after(&squeeze.to_frame));
+        Ok(Some(found))
+    }
+
+    /// Searches for what has been found once more, in pictures that are squeezed as each detection says: its outline
+    /// is then exact.
+    fn refined(&self, detector: &mut AnyDetector, found: Found) -> Result<Found> {
+        let mut all = Vec::new();
+        for (i, d) in found.detections.iter().take(DIRECTIONS).enumerate() {
+            let Some((factor, direction_deg)) = self.narrow(d) else { continue };
+            let squeeze = Squeeze::new(self.size, factor, direction_deg);
+            all.extend(self.search_one(detector, &squeeze)?.map(|found| (i, found)));
+        }
+        Ok(if all.is_empty() { found } else { self.joined(found, all) })
+    }
+
+    /// How the picture is squeezed so that the object of a detection looks as one that is tilted by [`TILTED`], and along
+    /// which direction, degrees. `None` when it is hardly tilted more.
+    fn narrow(&self, d: &Detection) -> Option<(u8, f32)> {
+        let o = self.model.object(usize::from(d.object));
+        let to_frame = self.to_picture.inverse()?.after(&d.homography);
+        let [x, y] = [o.width as f32 / 2.0, o.height as f32 / 2.0];
+        let [middle, right, below] = [[x, y], [x + 1.0, y], [x, y + 1.0]].map(|p| to_frame.apply(p));
+        let ([a, c], [b, d]) = ([0, 1].map(|i| right[i] - middle[i]), [0, 1].map(|i| below[i] - middle[i]));
+        // The ellipse that a circle on the object looks like: its long axis and the ratio of its axes.
+        let (xx, xy, yy) = (a * a + b * b, a * c + b * d, c * c + d * d);
+        let direction = (2.0 * xy).atan2(xx - yy) / 2.0;
+        let apart = (xx - yy).hypot(2.0 * xy);
+        let ratio = ((xx + yy + apart) / (xx + yy - apart).max(f32::MIN_POSITIVE)).sqrt();
+        let factor = (ratio / TILTED).round().min(f32::from(2 * FACTOR));
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a small number")]
+        (factor >= 2.0).then_some((factor as u8, direction.to_degrees()))
     }
 
     /// What the search of the picture and those of the squeezed pictures have found.
