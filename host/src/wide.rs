@@ -141,7 +141,7 @@ impl<'a> Wide<'a> {
     }
 
     /// What is found in the pictures that are squeezed along each `step`th direction from number `first` on, in px of
-    /// the picture, with the number of the direction.
+    /// the prepared picture, with the number of the direction.
     fn search(&self, detector: &mut AnyDetector, first: usize, step: usize) -> Result<Vec<(usize, Found)>> {
         let mut all = Vec::new();
         for i in (first..DIRECTIONS).step_by(step) {
@@ -151,7 +151,7 @@ impl<'a> Wide<'a> {
         Ok(all)
     }
 
-    /// What is found in one squeezed picture, in px of the picture. `None` when it is too small.
+    /// What is found in one squeezed picture, in px of the prepared picture. `None` when it is too small.
     fn search_one(&self, detector: &mut AnyDetector, squeeze: &Squeeze) -> Result<Option<Found>> {
         if squeeze.width.min(squeeze.height) < MIN_SIDE {
             return Ok(None);
@@ -163,7 +163,7 @@ impl<'a> Wide<'a> {
         let bytes = squeezed(&self.data, self.size, self.format, squeeze);
         let frame = Frame::new(self.format, squeeze.width, squeeze.height, &bytes)?;
         let mut found = search_frame(detector, &frame, self.model, &Request { budget, ..self.request })?;
-        found.map_back(&self.to_picture.after(&squeeze.to_frame));
+        found.map_back(&squeeze.to_frame);
         Ok(Some(found))
     }
 
@@ -197,10 +197,14 @@ impl<'a> Wide<'a> {
         (factor >= 2.0).then_some((factor as u8, direction.to_degrees()))
     }
 
-    /// What the search of the picture and those of the squeezed pictures have found.
-    fn joined(&self, plain: Found, mut all: Vec<(usize, Found)>) -> Found {
+    /// What the search of the picture and those of the squeezed pictures have found, in px of the picture. They are
+    /// compared in px of the prepared one: outlines in a mirrored picture turn the other way.
+    fn joined(&self, mut plain: Found, mut all: Vec<(usize, Found)>) -> Found {
         all.sort_by_key(|(i, _)| *i);
+        let Some(to_prepared) = self.to_picture.inverse() else { return plain };
+        plain.map_back(&to_prepared);
         let mut found = merged(plain, all.into_iter().map(|(_, found)| found), self.request.all_names);
+        found.map_back(&self.to_picture);
         found.total_ns = u64::try_from(self.start.elapsed().as_nanos()).unwrap_or(u64::MAX);
         found
     }
@@ -358,19 +362,6 @@ mod tests {
         assert_eq!(best.rivals, [vec![(0, 0.95), (2, 0.4)], vec![]], "a rival of a twin of what was beaten, too");
         assert_eq!(told(&join(true)), [(1, 0.97), (0, 0.95), (0, 0.85)]);
         assert_eq!(best.surfaces.len(), 2);
-    }
-
-    #[test]
-    fn outlines_of_a_mirrored_picture_are_compared_as_any() {
-        let mirror = Homography::affine([-1.0, 0.0, 639.0, 0.0, 1.0, 0.0]);
-        let mirrored = |all: &[(u16, f32, f32)]| {
-            let mut found = found(all);
-            found.map_back(&mirror);
-            found
-        };
-        let squeezed = [mirrored(&[(0, 4.0, 0.95)]), mirrored(&[(1, 2.0, 0.97)])];
-        let best = merged(mirrored(&[(0, 0.0, 0.9)]), squeezed.into_iter(), false);
-        assert_eq!((told(&best), best.rivals), (vec![(1, 0.97)], vec![vec![(0, 0.95)]]));
     }
 
     #[test]
