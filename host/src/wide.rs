@@ -91,7 +91,9 @@ pub fn search_squeezed(
     for part in parts {
         all.extend(part?);
     }
-    let found = wide.joined(found, all);
+    // The order of the directions does not depend on the number of threads.
+    all.sort_by_key(|(i, _)| *i);
+    let found = wide.joined(found, all.into_iter().map(|(_, found)| found));
     with_detector(larger(request.profile), first, |detector| wide.refined(detector, found))
 }
 
@@ -108,7 +110,7 @@ pub fn search_squeezed_by(
 ) -> Result<Found> {
     let Some(wide) = Wide::new(picture, model, request, start)? else { return Ok(stopped(found)) };
     let all = wide.search(detector, 0, 1)?;
-    wide.refined(detector, wide.joined(found, all))
+    wide.refined(detector, wide.joined(found, all.into_iter().map(|(_, found)| found)))
 }
 
 /// A picture that is searched squeezed.
@@ -171,12 +173,11 @@ impl<'a> Wide<'a> {
     /// is then exact.
     fn refined(&self, detector: &mut AnyDetector, found: Found) -> Result<Found> {
         let mut all = Vec::new();
-        for (i, d) in found.detections.iter().take(DIRECTIONS).enumerate() {
+        for d in found.detections.iter().take(DIRECTIONS) {
             let Some((factor, direction_deg)) = self.narrow(d) else { continue };
-            let squeeze = Squeeze::new(self.size, factor, direction_deg);
-            all.extend(self.search_one(detector, &squeeze)?.map(|found| (i, found)));
+            all.extend(self.search_one(detector, &Squeeze::new(self.size, factor, direction_deg))?);
         }
-        Ok(if all.is_empty() { found } else { self.joined(found, all) })
+        Ok(if all.is_empty() { found } else { self.joined(found, all.into_iter()) })
     }
 
     /// How the picture is squeezed so that the object of a detection looks as one that is tilted by [`TILTED`], and along
@@ -199,11 +200,10 @@ impl<'a> Wide<'a> {
 
     /// What the search of the picture and those of the squeezed pictures have found, in px of the picture. They are
     /// compared in px of the prepared one: outlines in a mirrored picture turn the other way.
-    fn joined(&self, mut plain: Found, mut all: Vec<(usize, Found)>) -> Found {
-        all.sort_by_key(|(i, _)| *i);
+    fn joined(&self, mut plain: Found, squeezed: impl Iterator<Item = Found>) -> Found {
         let Some(to_prepared) = self.to_picture.inverse() else { return plain };
         plain.map_back(&to_prepared);
-        let mut found = merged(plain, all.into_iter().map(|(_, found)| found), self.request.all_names);
+        let mut found = merged(plain, squeezed, self.request.all_names);
         found.map_back(&self.to_picture);
         found.total_ns = u64::try_from(self.start.elapsed().as_nanos()).unwrap_or(u64::MAX);
         found

@@ -42,15 +42,10 @@ pub enum AnyRoom {
 const STACK: usize = 32 << 20;
 
 impl Room {
-    /// The room of a detector for these frames.
+    /// The room of a detector for frames that are searched so.
     pub fn of(request: &Request) -> PyResult<Self> {
         let larger = request.wide.then(|| AnyRoom::new(larger(request.profile))).transpose()?;
-        Ok(Self { larger, ..Self::new(request.profile)? })
-    }
-
-    /// The room of one detector.
-    pub fn new(profile: Profile) -> PyResult<Self> {
-        Ok(Self { detector: AnyRoom::new(profile)?, larger: None, scratch: Vec::new() })
+        Ok(Self { detector: AnyRoom::new(request.profile)?, larger, scratch: Vec::new() })
     }
 }
 

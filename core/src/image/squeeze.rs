@@ -31,7 +31,7 @@ pub struct Squeeze {
 const STRIP: usize = 32;
 
 impl Squeeze {
-    /// The squeeze of a frame of `width` x `height` px, by `factor` along a direction. A direction of 0 degrees is
+    /// Makes the squeeze of a frame of `width` x `height` px, by `factor` along a direction. A direction of 0 degrees is
     /// that of the rows, one of 90 degrees that of the columns, downwards.
     #[must_use]
     pub fn new((width, height): (usize, usize), factor: u8, direction_deg: f32) -> Self {
@@ -53,8 +53,7 @@ impl Squeeze {
         Self { width, height, to_frame, factor }
     }
 
-    /// The same squeeze of a plane of half the width and height, such as the chroma of
-    /// [`I420`](crate::PixelFormat::I420).
+    /// Returns the squeeze of the frame's chroma planes, when they have half its width and height.
     #[must_use]
     pub fn halved(&self) -> Self {
         let to_frame = Homography::scaling([0.5; 2]).after(&self.to_frame).after(&Homography::scaling([2.0; 2]));
