@@ -92,10 +92,11 @@ pub fn capture(request: &Request, live: &Live) -> Result<()> {
         };
         opened = true;
         let text = format!("{trouble:#}; waiting for it");
-        if live.trouble().as_ref() != Some(&text) {
+        let is_new = live.trouble().as_ref() != Some(&text);
+        live.set_trouble(Some(text.clone()));
+        if is_new {
             tracing::warn!("{text}");
         }
-        live.set_trouble(Some(text));
         if live.frames.is_closed() {
             return Ok(());
         }

@@ -109,8 +109,9 @@ pub fn replay(
                 return Err(trouble).with_context(|| format!("cannot replay {name}"));
             }
             if !in_trouble {
-                tracing::warn!("cannot replay {name}: {trouble:#}; trying again");
+                // Told before it is logged: who reads of it and asks is told the same.
                 told(Some(format!("cannot replay {name}: {trouble:#}")));
+                tracing::warn!("cannot replay {name}: {trouble:#}; trying again");
                 in_trouble = true;
             }
             thread::sleep(pause);
