@@ -1,5 +1,5 @@
 //! Tells what the core sees at each pose that it looks at closely: a model and a frame a line in, a
-//! JSON line out for each detection. `scripts/evaluate fit` fits the score to it.
+//! JSON line out for each pose. `scripts/evaluate fit` fits the score to it.
 //!
 //! `cargo run --release --example scrutiny -p keygraph < PAIRS.jsonl`
 //!
@@ -10,17 +10,15 @@
 //! gives lines as this one, here with the first two of the properties:
 //!
 //! ```json
-//! {"pair": 0, "thorough": false, "object": 0, "score": 0.97, "corners": [[0, 0], [9, 0], [9, 9], [0, 9]],
-//!  "properties": [255, 240]}
+//! {"pair": 0, "object": 0, "score": 0.97, "corners": [[0, 0], [9, 0], [9, 9], [0, 9]], "properties": [255, 240]}
 //! ```
 //!
 //! `pair` is the number of the line of input, from 0. `corners` are px of the frame. `properties` have
-//! the order of [`keygraph_core::stages::scrutiny::NAMES`]. A frame is searched twice: as if every pose
-//! were believed, and thoroughly, since a search goes on after what is not believed. All scores are
-//! told, but no pose with a low first impression, and at each place only the pose with the best score.
+//! the order of [`keygraph_core::stages::scrutiny::NAMES`]. The search believes nothing, so that it goes on as long as
+//! it can, and may come to a pose more than once.
 //! The first line that cannot be read ends the program with its number, the reason and status 1.
 //!
-//! Memory: one model and a detector. Cost: two searches a line.
+//! Memory: one model and a detector. Cost: a search to the end a line.
 
 use std::io::{BufRead, Write, stdin, stdout};
 use std::path::PathBuf;
@@ -28,14 +26,10 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result};
 use keygraph::input::read_picture;
-use keygraph::search::{Profile, depth_of, fit};
-use keygraph_core::stages::pace::Steady;
-use keygraph_core::stages::pyramid::Pyramid;
-use keygraph_core::stages::scrutiny::scrutinise;
-use keygraph_core::{Frame, Model, VgaDetector, chroma_bytes, luma_bytes};
+use keygraph::search::{Profile, fit};
+use keygraph_core::stages::scrutiny::Scrutiny;
+use keygraph_core::{Detection, Frame, Model, Observer, Output, VgaDetector};
 use serde_json::json;
-
-const PIXELS: usize = 640 * 480;
 
 /// A model, and the frame in which its objects are looked for.
 #[derive(Debug, Default, serde::Deserialize)]
@@ -48,13 +42,30 @@ struct Pair {
 /// What stays from line to line: the buffers, and the last model with its path.
 struct Bench {
     detector: Box<VgaDetector>,
-    pyramid: Box<Pyramid<{ luma_bytes(PIXELS) }, { chroma_bytes(PIXELS) }>>,
     model: (PathBuf, Vec<u8>),
 }
 
+/// Keeps the poses that are looked at closely.
+#[derive(Default)]
+struct Poses(Vec<(Detection, Scrutiny)>);
+
+impl Observer for Poses {
+    fn now(&mut self) -> u64 {
+        0
+    }
+
+    fn saw(&mut self, output: Output<'_>) {
+        if let Output::Scrutinised(detection, seen) = output {
+            self.0.push((*detection, *seen));
+        }
+    }
+}
+
+/// A minimum score that nothing has.
+const NEVER: f32 = 2.0;
+
 fn main() -> ExitCode {
-    let (detector, pyramid) = (Box::new(VgaDetector::new()), Box::new(Pyramid::new()));
-    let mut bench = Bench { detector, pyramid, model: Default::default() };
+    let mut bench = Bench { detector: Box::new(VgaDetector::new()), model: Default::default() };
     for (at, line) in stdin().lock().lines().enumerate() {
         let told = line.context("standard input").and_then(|line| bench.tell(at, &line));
         if let Err(error) = told {
@@ -78,19 +89,13 @@ impl Bench {
         let (side, pixels) = Profile::Vga.limits();
         let scaled = fit(&picture, side, pixels);
         let frame = Frame::new(scaled.format, scaled.width, scaled.height, &scaled.data)?;
-        let mut planes = self.pyramid.planes_mut();
-        planes.load(&frame)?;
-        planes.reduce();
-        for thorough in [false, true] {
-            self.detector.set_depth(depth_of(thorough));
-            for d in self.detector.detect(&frame, &model, 0.0, &mut || 0)? {
-                let corners = d.corners.map(|p| [0, 1].map(|i| (p[i] + 0.5) / scaled.scale[i] - 0.5));
-                let told = json!({
-                    "pair": at, "thorough": thorough, "object": d.object, "score": d.score, "corners": corners,
-                    "properties": scrutinise(&planes.view(), &model, d, &mut Steady).0,
-                });
-                writeln!(stdout(), "{told}").context("standard output")?;
-            }
+        let mut poses = Poses::default();
+        self.detector.detect(&frame, &model, NEVER, &mut poses)?;
+        for (d, seen) in &poses.0 {
+            let corners = d.corners.map(|p| [0, 1].map(|i| (p[i] + 0.5) / scaled.scale[i] - 0.5));
+            let told =
+                json!({"pair": at, "object": d.object, "score": d.score, "corners": corners, "properties": seen.0});
+            writeln!(stdout(), "{told}").context("standard output")?;
         }
         Ok(())
     }

@@ -32,7 +32,7 @@ STAGES = {
     "classify": r"8classify|find_matches",
     "verify": r"6verify|cast_votes",
     "vote, pose": r"5hough|4vote|find_candidates|4pose|4grow",
-    "accept": r"5align|7overlay|10appearance|5light|8scrutiny|7outline|6belief|8evidence|7examine",
+    "accept": r"5align|7overlay|10appearance|5light|8scrutiny|6mosaic|7outline|6belief|8evidence|7examine",
     "what several use": r"keygraph_core|4core",
 }
 KINDS = {

@@ -101,6 +101,22 @@ def cover(rng, frame, quad, other):
     else:
         start = middle + across * rng.uniform(-0.45, 0.25) * size
         fill(mask, start, along, across * rng.uniform(0.2, 0.5) * size)
+    return lay_over(rng, frame, mask, other)
+
+
+def cover_by_box(rng, frame, quad, other):
+    """Puts an upright box in front of the object, somewhere in the upright rectangle around it, of 40 to 60 % of it."""
+    mask = np.zeros(frame.shape[:2], np.uint8)
+    low, high = quad.min(0), quad.max(0)
+    size = (high - low) * rng.uniform(0.4, 0.6) ** 0.5
+    at = rng.uniform(low, high - size)
+    cv2.rectangle(mask, np.int32(at).tolist(), np.int32(at + size).tolist(), 255, -1)
+    return lay_over(rng, frame, mask, other)
+
+
+def lay_over(rng, frame, mask, other):
+    """Lays something over the frame where there is a mask: mostly a part of `other`, or a colour."""
+    h, w = mask.shape
     if rng.random() < 0.7:
         front = cv2.flip(cv2.resize(other, (w, h)), int(rng.integers(-1, 2)))
     else:

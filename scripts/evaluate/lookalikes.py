@@ -164,6 +164,23 @@ def draw_suit(pixels, suit, at, size, colour):
         cv2.fillPoly(pixels, [np.int32(np.round(shape * size + at))], colour, cv2.LINE_AA)
 
 
+def deck(ours, own):
+    """Playing cards with the index in two opposite corners, upright both ways, and fewer pips in the middle."""
+    order = ours.rng.permutation(4 * len(PIPS))
+    rank, suit = list(PIPS)[order[own.member] // 4], int(order[own.member] % 4)
+    colour, size = ((35, 30, 195), (22, 22, 22))[suit % 2], ours.number(34, 44)
+    corner = sheet(400, 560, (250, 250, 250))
+    write(corner, str(rank), (18, 58), 1.5, colour, 3)
+    draw_suit(corner, suit, (38, 88), 18, colour)
+    pixels = np.minimum(corner, corner[::-1, ::-1])
+    box(pixels, (7, 7), 386, 546, GRAY, 2)
+    sides, middle = PIPS[rank]
+    for x, n in ((126, sides), (274, sides), (200, middle)):
+        for i in range(n):
+            draw_suit(pixels, suit, (x, int(280 + (i - (n - 1) / 2) * 340 / max(n - 1, 1))), size, colour)
+    return pixels
+
+
 def icons(ours, own):
     """Pages of a phone: one grid and ground, other icons and captions."""
     bottom, top, side = ours.colour(20, 120), ours.colour(20, 120), 80
@@ -182,6 +199,38 @@ def icons(ours, own):
             paste(pixels, np.where(inside, icon, ground), at)
             write(pixels, own.words(1)[:8], (at[0] + 4, at[1] + side + 22), 0.5, WHITE)
     return pixels
+
+
+def apps(ours, own):
+    """Pages of a phone whose icons are signs on bright grounds, or pictures: they look more alike than `icons`."""
+    ground, side, gap = ours.colour(10, 100), ours.number(72, 92), ours.number(24, 40)
+    pixels = np.uint8(np.linspace(1.3, 0.7, 720)[:, None, None] * np.array(ground) * np.ones((1, 480, 1)))
+    columns = (480 - gap) // (side + gap)
+    left = (480 - columns * (side + gap) + gap) // 2
+    mask = sheet(side, side, BLACK)
+    round_corners(mask, side // 5)
+    for y in range(gap, 720 - side - 34, side + gap + 28):
+        for column in range(columns):
+            at = left + column * (side + gap), y
+            icon = own.part(side, side)
+            if own.number(0, 1):
+                icon = sheet(side, side, own.colour(70, 255))
+                middle, size = (side // 2, side // 2), own.number(side // 7, side // 3)
+                cv2.circle(icon, middle, size, WHITE, (-1, 7)[own.number(0, 1)], cv2.LINE_AA)
+            place = pixels[at[1] : at[1] + side, at[0] : at[0] + side]
+            paste(pixels, np.where(mask > 128, icon, place), at)
+            write(pixels, own.words(1)[:7], (at[0] + 6, at[1] + side + 20), 0.5, PALE)
+    return pixels
+
+
+def round_corners(mask, radius):
+    """Fills all of a square but its corners."""
+    side = mask.shape[0]
+    for inset in ((radius, 0), (0, radius)):
+        box(mask, inset, side - 2 * inset[0], side - 2 * inset[1], WHITE)
+    for x in (radius, side - 1 - radius):
+        for y in (radius, side - 1 - radius):
+            cv2.circle(mask, (x, y), radius, WHITE, -1, cv2.LINE_AA)
 
 
 def package(ours, own):
@@ -323,6 +372,8 @@ FAMILIES = {
     "sequels": sequel,
     "one series": series,
     "one badge": badge,
+    "apps": apps,
+    "decks": deck,
 }
 # Families of which half of the area or more is shared: a sibling shows as much as an object half of which is hidden.
 MOSTLY_SHARED = ("forms", "tickets", "shelf labels", "keyboards", "one series")

@@ -1,6 +1,6 @@
 """What the score is fitted to: properties of detections in frames whose truth is known.
 
-Objects are rendered in nine conditions, half of the frames with glare, shadows and the like.
+Objects are rendered in ten conditions, half of the frames with glare, shadows and the like.
 Each is looked for in its frames, and so are two other objects. Members of the families of
 look-alikes are looked for in their own frames, also hidden, and in those of their siblings.
 host/examples/scrutiny.rs searches, and tells the properties.
@@ -32,6 +32,7 @@ CONDITIONS = {
     "behind a box": {**MIXED, "scale": (0.5, 1.1), "occlusion": (0.25, 0.6)},
     "mostly hidden": {**MIXED, "scale": (0.5, 1.1), "occlusion": (0.45, 0.7)},
     "behind something": {**MIXED, "scale": (0.5, 1.2)},
+    "half hidden": {"scale": (0.5, 1.1), "tilt": (0.0, 20.0), "light": (0.6, 1.3), "noise": (3.0, 5.0)},
     "bent": {**MIXED, "scale": (0.6, 1.4)},
     "crumpled": {**MIXED, "scale": (0.5, 1.4)},
 }
@@ -71,7 +72,7 @@ class Samples:
             sys.exit("the example scrutiny has ended: standard error says why")
         seen = set()
         for told in map(json.loads, run.stdout.splitlines()):
-            # The thorough search may come to the pose that the other one came to.
+            # A search may come to a pose more than once.
             pose = (told["pair"], *told["properties"])
             if pose in seen:
                 continue
@@ -157,6 +158,10 @@ def shoot(studio, rng, picture, condition, n):
         frame = studio.shoot(picture, CONDITIONS[condition], condition, n)
         quad = frame.quads[picture.digest]
     frame.may_show |= {picture.digest, other.digest}
+    if condition == "half hidden":
+        pixels = disturbances.cover_by_box(rng, cv2.imread(frame.path), np.float64(quad), other.pixels)
+        cv2.imwrite(frame.path, pixels, [cv2.IMWRITE_JPEG_QUALITY, 90])
+        return frame, quad
     hide = condition == "behind something"
     disturb(rng, frame.path, quad, other if hide else None, rng.random() < 0.5)
     return frame, quad

@@ -21,7 +21,7 @@ use crate::detect::verify::{CHROMA_NOISE, Products};
 use crate::image::pixels::NO_CHROMA;
 use crate::image::plane::{Plane, nearest};
 use crate::image::pyramid::{PyramidView, into_level, out_of_level};
-use crate::model::parse::Template;
+use crate::model::parse::{Object, Template};
 
 /// Correlation of the frame with the template, block by block.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -146,6 +146,15 @@ fn part_in_frame(h: &Homography, size: [usize; 2], frame: [usize; 2]) -> Part {
     if is_part { part } else { size.map(|v| 0..v) }
 }
 
+/// Whether so much of an object lies outside the frame that its blocks divide the part inside.
+pub(crate) fn is_part(view: &PyramidView<'_>, o: &Object<'_>, h: &Homography) -> bool {
+    let template = o.template.luma(0);
+    let (size, luma) = ([template.width(), template.height()], view.luma(0));
+    let map = h.after(&o.template.to_picture(o.width as f32, o.height as f32));
+    let part = part_in_frame(&map, size, [luma.width(), luma.height()]);
+    part[0].len() * part[1].len() < size[0] * size[1]
+}
+
 /// The columns or rows of each block of a part.
 fn blocks_of(part: &Range<usize>) -> impl Iterator<Item = Range<usize>> {
     let start = part.start;
@@ -192,7 +201,7 @@ impl Blocks {
         let mut blocks = Self { part: part.clone(), values, places, n: 0, inside: 0 };
         let mut places = 0u8..;
         for ys in rows {
-            for (m, place) in overlay.correlate(ys, &columns).iter().zip(&mut places) {
+            for (m, place) in overlay.correlate(ys, &columns, every(&luma)).iter().zip(&mut places) {
                 saw(usize::from(place), m);
                 blocks.add(place, m, full);
             }
@@ -211,16 +220,6 @@ impl Blocks {
             self.places[self.n] = place;
             self.n += 1;
         }
-    }
-
-    /// The blocks that count: the number of each, and its correlation.
-    pub(crate) fn correlations(&self) -> impl Iterator<Item = (usize, f32)> + '_ {
-        self.places.iter().zip(&self.values).take(self.n).map(|(&place, &value)| (usize::from(place), value))
-    }
-
-    /// Whether the blocks divide a part of the template, which is given, and not all of it.
-    pub(crate) fn is_part(&self, luma: &Plane<'_, u8>) -> bool {
-        self.part[0].len() * self.part[1].len() < luma.width() * luma.height()
     }
 
     /// Number of blocks that agree: the sum of the blocks' agreements.

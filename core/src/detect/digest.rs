@@ -187,6 +187,10 @@ impl Digests {
                 d.count(usize::from(detection.is_some()));
                 detection.iter().for_each(|t| d.detection(t));
             }
+            Output::Scrutinised(detection, seen) => {
+                d.detection(detection);
+                d.bytes(&seen.0);
+            }
             Output::Detections(detections) => {
                 d.count(detections.len());
                 detections.iter().for_each(|t| d.detection(t));

@@ -14,6 +14,7 @@ pub mod overlay;
 pub mod appearance;
 pub mod align;
 pub mod detection;
+pub mod mosaic;
 pub mod outline;
 pub mod scrutiny;
 pub mod bend;

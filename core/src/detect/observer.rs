@@ -9,6 +9,7 @@ use crate::base::pace::Pace;
 use crate::detect::classify::Match;
 use crate::detect::detection::Detection;
 use crate::detect::hough::Candidate;
+use crate::detect::scrutiny::Scrutiny;
 use crate::detect::vote::Vote;
 use crate::extract::delaunay::Triple;
 use crate::extract::feature::Feature;
@@ -104,6 +105,8 @@ pub enum Output<'a> {
     Grown(Option<&'a Detection>),
     /// Homography aligned to the frame, if any.
     Aligned(Option<&'a Detection>),
+    /// A pose with a good first impression, with its score and what was seen of it; not of one that was refused at once.
+    Scrutinised(&'a Detection, &'a Scrutiny),
     /// All detections so far, best score first; shown after each candidate.
     Detections(&'a [Detection]),
 }
@@ -123,7 +126,7 @@ impl Output<'_> {
             Self::Votes(_) => Stage::Verify,
             Self::Candidates(_) => Stage::Vote,
             Self::Grown(_) => Stage::Pose,
-            Self::Aligned(_) | Self::Detections(_) => Stage::Accept,
+            Self::Aligned(_) | Self::Scrutinised(..) | Self::Detections(_) => Stage::Accept,
         }
     }
 }

@@ -12,6 +12,7 @@
 //! Memory: about 2 KB of stack, 4 KB on a target with vectors. Cost: one bilinear sample for each
 //! pixel.
 
+use core::iter::StepBy;
 use core::ops::Range;
 
 use crate::base::capacity::TEMPLATE_SIDE;
@@ -183,10 +184,10 @@ impl<'a> Overlay<'a> {
         line
     }
 
-    /// Correlates a row of blocks, which have the rows `ys` and these columns.
-    pub(crate) fn correlate(&self, ys: Range<usize>, columns: &Columns) -> [Moments; BLOCKS] {
+    /// Correlates a row of blocks, which have these columns and every `step`th of the rows `ys`.
+    pub(crate) fn correlate(&self, ys: Range<usize>, columns: &Columns, step: usize) -> [Moments; BLOCKS] {
         let mut pairs = RowOfPairs::default();
-        self.add_row::<AT_ONCE, ROOM>(ys, columns, &mut pairs);
+        self.add_row::<AT_ONCE, ROOM>(ys.step_by(step), columns, &mut pairs);
         pairs.each_ref().map(|pairs| Moments::new(total(pairs)))
     }
 
@@ -194,12 +195,12 @@ impl<'a> Overlay<'a> {
     #[inline(never)]
     fn add_row<const N: usize, const R: usize>(
         &self,
-        ys: Range<usize>,
+        ys: StepBy<Range<usize>>,
         columns: &[Range<usize>],
         pairs: &mut RowOfPairs,
     ) {
         let (mut numbers, mut frame) = ([0.0; R], [f32::NAN; R]);
-        for y in ys.step_by(every(&self.luma)) {
+        for y in ys {
             let row = self.luma.row(y);
             let line = self.row(y, &mut frame);
             to_numbers(row, &mut numbers);
@@ -243,7 +244,7 @@ impl<'a> Overlay<'a> {
         for (ys, light) in block_ranges(h, blocks, 1).zip(light.chunks_exact_mut(blocks)) {
             let mut pairs = RowOfPairs::default();
             if lit == Lit::Unknown {
-                self.add_row::<N, R>(ys.clone(), whole, &mut pairs);
+                self.add_row::<N, R>(ys.clone().step_by(every(&self.luma)), whole, &mut pairs);
                 renew(light, &pairs);
                 pairs = RowOfPairs::default();
             }

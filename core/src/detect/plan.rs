@@ -228,7 +228,7 @@ impl Plan {
         let thorough = self.is_thorough();
         let when = if i == 0 || thorough { When::Always } else { When::InDoubt(self.rules.doubt[i / n]) };
         let decide = match last {
-            true => Some(Bar { impression: self.impression(), score: self.wish.threshold, ..Bar::NONE }),
+            true => Some(Bar { impression: self.rules.impression, score: self.wish.threshold, ..Bar::NONE }),
             false => (!thorough).then(|| self.first_bar()),
         };
         Some(Step { tier: tiers[i % n], levels, when, matching: self.rules.matching, decide })
@@ -240,16 +240,11 @@ impl Plan {
         Bar { score: self.wish.threshold, ..bar }
     }
 
-    /// Minimum first impression after the last step.
-    fn impression(&self) -> f32 {
-        self.rules.impression * self.wish.threshold
-    }
-
     /// Minimum evidence for a detection after the last of the lists. The odds of the minimum first
     /// impression are multiplied by a factor that grows with the number of objects: a search for
     /// many objects has more chances to be wrong.
     fn bar_of_lists(&self, lists: &Lists) -> Bar {
-        let least = self.impression();
+        let least = self.rules.impression;
         let odds = (lists.odds * self.scope.objects as f32).max(1.0);
         let impression = odds * least / (1.0 + (odds - 1.0) * least);
         Bar { weight: self.rules.voting.min_weight, impression, score: self.wish.threshold, ..Bar::NONE }

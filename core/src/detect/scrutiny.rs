@@ -2,20 +2,20 @@
 //!
 //! In: the frame's pyramid, a model and a detection. Out: [`Scrutiny`]: how much of the object is
 //! seen and agrees, and what kind of disagreement there is. Something in front of an object is one
-//! region, brings its own light, and hides the outline. A look-alike disagrees here and there, is
-//! printed on the same paper, and shows its outline.
+//! region, brings its own light and colour, and hides the outline; beside it all agrees. A look-alike
+//! agrees and disagrees here and there, also in light and colour, and shows its outline.
 //!
-//! Memory: about 1.5 KB of stack. Cost: that of `outline`, and of the template's blocks.
+//! Memory: about 2.5 KB of stack. Cost: that of `mosaic` and of `outline`.
 
-use crate::base::geometry::area;
 use crate::base::math;
 use crate::base::pace::Pace;
-use crate::detect::appearance::{Blocks, level_of_area};
+use crate::detect::appearance::is_part;
 use crate::detect::detection::Detection;
-use crate::detect::light::{BLOCKS, Moments, agreement};
-use crate::detect::outline::{Pieces, trace};
+use crate::detect::light::BLOCKS;
+use crate::detect::mosaic::{ALL, Cell, Mosaic, SIDE, lay};
+use crate::detect::outline::{Pieces, cell_at, trace};
 use crate::image::pyramid::PyramidView;
-use crate::model::parse::{Model, Object};
+use crate::model::parse::Model;
 
 /// Number of properties.
 pub const PROPERTIES: usize = 16;
@@ -25,19 +25,48 @@ pub const PROPERTIES: usize = 16;
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Scrutiny(pub [u8; PROPERTIES]);
 
-impl Scrutiny {
-    /// Properties that no object has: little of all that speaks for one, and some of what speaks against it. A
-    /// test holds the score that they get below 0.2.
-    pub const STRANGE: Self = Self([55; PROPERTIES]);
-}
-
 /// Names of the properties, in their order.
 pub const NAMES: [&str; PROPERTIES] = [
-    "good", "agree", "mid", "dis", "clump", "contra", "foreign", "edge", "edgen", "edgevis", "inside", "votes",
-    "agreeing", "strong", "vper", "support",
+    "agree", "mid", "even", "light", "foreign", "lights", "tint", "strange", "tints", "colour", "clump", "dis",
+    "hidden", "edge", "inside", "votes",
 ];
 
-/// Mean of a property over blocks, with weights.
+/// Number of properties of the cells and of the outline.
+const OF_CELLS: usize = PROPERTIES - 2;
+
+/// Properties of the cells and of the outline of an object that is seen plainly.
+const PLAIN_CELLS: [f32; OF_CELLS] = [1.0, 0.0, 1.0, 0.05, 0.0, 0.3, 0.05, 0.0, 0.3, 0.5, 1.0, 0.0, 0.0, 0.75];
+
+/// Correlation above which a cell agrees, and below which it disagrees.
+const GOOD: f32 = 0.7;
+const OFF: f32 = 0.4;
+
+/// Maximum difference of the mean brightness of a flat cell that agrees, in spreads of the picture.
+const LIT: f32 = 0.25;
+
+/// Part by which the gain may be wrong: a blurred frame has less contrast than its light.
+const UNSURE: f32 = 0.35;
+
+/// Part with which the spreads within cells count beside those between them: a blurred frame has less of them.
+const WITHIN: f32 = 0.25;
+
+/// Least gain of the light and of the colour.
+const LEAST_GAIN: f32 = 0.05;
+
+/// Spread of the noise of chroma in a cell, steps.
+const CHROMA_NOISE: f32 = 6.0;
+
+/// Share of an object from which on it counts as seen plainly.
+const PLAIN: f32 = 0.99;
+
+/// Minimum share that must agree of what lies in the frame, of an object that lies mostly outside. Right
+/// ones had 0.75 and more; wrong ones, which lie over smooth ground with a few strong lines, up to 0.62.
+const LEAST_OF_PART: f32 = 0.65;
+
+/// Number of blocks of a whole object.
+const BLOCKS_OF_ALL: f32 = (BLOCKS * BLOCKS) as f32;
+
+/// Mean of a property, with weights.
 #[derive(Clone, Copy)]
 struct Mean {
     sum: f32,
@@ -60,226 +89,308 @@ impl Mean {
     }
 }
 
+/// Means of pairs of numbers: of the first, of the second, of the squares of the first, and of the products.
+#[derive(Clone, Copy)]
+struct Pairs([Mean; 4]);
+
+impl Pairs {
+    const NONE: Self = Self([Mean::NONE; 4]);
+
+    #[inline(never)]
+    fn add(&mut self, [t, f]: [f32; 2], weight: f32) {
+        for (mean, value) in self.0.iter_mut().zip([t, f, t * t, t * f]) {
+            mean.add(value, weight);
+        }
+    }
+
+    /// The means, the variance of the first numbers, and the covariance.
+    #[inline(never)]
+    fn moments(&self) -> [f32; 4] {
+        let [t, f, tt, tf] = self.0.map(|mean| mean.or(0.0));
+        [t, f, (tt - t * t).max(0.0), tf - t * f]
+    }
+}
+
+/// Means over the cells that agree, and over those that disagree.
+#[derive(Clone, Copy)]
+struct Sides([Mean; 2]);
+
+impl Sides {
+    const NONE: Self = Self([Mean::NONE; 2]);
+
+    #[inline(never)]
+    fn add(&mut self, value: f32, weights: [f32; 2]) {
+        self.0.iter_mut().zip(weights).for_each(|(mean, weight)| mean.add(value, weight));
+    }
+
+    /// Both means, and the part of the first in their sum.
+    #[inline(never)]
+    fn values(&self) -> [f32; 3] {
+        let [agreeing, disagreeing] = self.0.map(|mean| mean.or(0.0));
+        [agreeing, disagreeing, agreeing / (agreeing + disagreeing + 0.1)]
+    }
+}
+
 /// Limits a number to 0 to 1.
 #[inline(never)]
 fn unit(v: f32) -> f32 {
     v.clamp(0.0, 1.0)
 }
 
-/// Minimum correlation of a block that agrees well.
-const GOOD: f32 = 0.75;
+/// 1 for true.
+fn number(is: bool) -> f32 {
+    f32::from(u8::from(is))
+}
 
-/// Share of an object from which on it counts as seen plainly, and what its outline then counts as.
-const PLAIN: f32 = 0.99;
-const PLAIN_STEP: Mean = Mean { sum: 4.5, weight: 1.0 };
+impl Cell {
+    /// Correlation with the frame; NaN for a flat cell, and where the frame does not show it.
+    #[inline(never)]
+    fn value(&self) -> f32 {
+        if self.is_seen && self.is_textured { f32::from(self.correlation) / 127.0 } else { f32::NAN }
+    }
+}
 
-/// Minimum share that must agree of what lies in the frame, of an object that lies mostly outside. Right
-/// ones had 0.75 and more; wrong ones, which lie over smooth ground with a few strong lines, up to 0.62.
-const LEAST_OF_PART: f32 = 0.65;
-
-/// Number of blocks of an object.
-const PLACES: usize = BLOCKS * BLOCKS;
-
-/// Light in which an object is seen: brightness of the frame for brightness of the template.
-struct Light {
+/// A line through pairs of numbers: what the frame shows for what the template says.
+struct Line {
     gain: f32,
     offset: f32,
-    /// Reciprocal of the spread of the whole picture in this light.
-    scale: f32,
+    /// Mean of what the template says where it agrees.
+    middle: f32,
+}
+
+impl Line {
+    /// The line through these pairs. `more` are the variance and the covariance of others, whose means are not known.
+    #[inline(never)]
+    fn through(pairs: &Pairs, more: [f32; 2]) -> Self {
+        let [middle, f, tt, tf] = pairs.moments();
+        let gain = (tf + more[1]) / (tt + more[0]).max(1e-3);
+        let gain = gain.clamp(LEAST_GAIN, 4.0);
+        Self { gain, offset: f - gain * middle, middle }
+    }
+
+    /// How far the second number is from the line.
+    fn off(&self, [t, f]: [f32; 2]) -> f32 {
+        (f - self.gain * t - self.offset).abs()
+    }
+}
+
+/// Light and colour in which an object is seen: those of the cells that agree.
+struct Light {
+    luma: Line,
+    chroma: [Line; 2],
+    /// Spread of the whole picture in this light, with that of the noise.
+    spread: f32,
+    /// Spread of the picture's chroma, and what the frame shows of it, with that of the noise.
+    colour: f32,
+    shown: f32,
 }
 
 impl Light {
-    /// How foreign a block is, 0 to 1: how far its mean brightness is from the expected one.
-    fn foreign(&self, m: &Moments) -> f32 {
-        let off = (m.mean[1] - self.gain * m.mean[0] - self.offset).abs() * self.scale;
-        unit((off - 0.15) / 0.3)
+    #[inline(never)]
+    fn new(mosaic: &Mosaic) -> Self {
+        // Of all cells, and of those that agree.
+        let (mut all, mut own, mut inner) = ([Pairs::NONE; 3], Mean::NONE, Pairs::NONE);
+        let mut agreeing = [Pairs::NONE; 3];
+        for cell in mosaic.iter().filter(|cell| cell.is_seen) {
+            let agrees = number(cell.value() > GOOD);
+            let (mean, spread) = (cell.mean.map(f32::from), cell.spread.map(f32::from));
+            all[2].add(mean, 1.0);
+            agreeing[2].add(mean, agrees);
+            own.add(spread[0] * spread[0], 1.0);
+            inner.add(spread, agrees);
+            if let Some([t, f]) = cell.chroma {
+                for i in 0..2 {
+                    let pair = [t[i], f[i]].map(f32::from);
+                    all[i].add(pair, 1.0);
+                    agreeing[i].add(pair, agrees);
+                }
+            }
+        }
+        let [.., squares, products] = inner.0.map(|mean| WITHIN * mean.or(0.0));
+        let luma = Line::through(&agreeing[2], [squares, products]);
+        // Of one colour alone no line is known: it counts as if it was shown as it is.
+        let chroma = [0, 1].map(|i| Line::through(&agreeing[i], [CHROMA_NOISE * CHROMA_NOISE; 2]));
+        let [a, b, whole] = all.map(|pairs| pairs.moments()[2]);
+        let colour = math::coarse_sqrt(a + b);
+        let shown = 0.5 * (chroma[0].gain + chroma[1].gain) * colour + CHROMA_NOISE;
+        Self { spread: luma.gain * math::coarse_sqrt(own.or(0.0) + whole) + 2.0, luma, chroma, colour, shown }
+    }
+
+    /// How far the mean brightness of a cell is from the expected one, in spreads of the picture.
+    #[inline(never)]
+    fn off(&self, cell: &Cell) -> f32 {
+        (self.luma.off(cell.mean.map(f32::from)) / self.spread).min(2.0)
+    }
+
+    /// How far the chroma of a cell is from the expected one, in spreads of the picture's chroma.
+    #[inline(never)]
+    fn strange(&self, [t, f]: [[i8; 2]; 2]) -> f32 {
+        let off = |i: usize| self.chroma[i].off([t[i], f[i]].map(f32::from));
+        ((off(0) + off(1)) / self.shown).min(4.0)
+    }
+
+    /// How well a cell agrees, 0 to 1. A flat cell agrees when the frame is flat there and as bright as expected; the
+    /// expectation is less sure the more its brightness differs from that of the cells that agree.
+    #[inline(never)]
+    fn agreement(&self, cell: &Cell) -> f32 {
+        let flat = f32::from(cell.spread[1]) < 6.0 * self.luma.gain + 4.0;
+        let unsure = UNSURE * self.luma.gain * (f32::from(cell.mean[0]) - self.luma.middle).abs() / self.spread;
+        let even = flat && self.off(cell) < LIT + unsure;
+        if cell.is_textured { unit((cell.value() - 0.3) / 0.4) } else { number(even) }
     }
 }
 
-/// The moments of the blocks, without those that are outside the frame.
-struct Grid {
-    moments: [Moments; PLACES],
-    /// Correlation of each block that counts; NaN for others.
-    correlation: [f32; PLACES],
-    /// Whether the blocks divide a part of the object, since the rest lies outside the frame.
-    is_part: bool,
-}
-
-impl Grid {
-    #[inline(never)]
-    fn new(view: &PyramidView<'_>, o: &Object<'_>, d: &Detection, pace: &mut dyn Pace) -> Self {
-        let mut grid = Self { moments: [Moments::default(); PLACES], correlation: [f32::NAN; PLACES], is_part: false };
-        let size = [o.width as f32, o.height as f32];
-        let mut keep = |i: usize, m: &Moments| {
-            pace.goes_on();
-            grid.moments[i] = *m;
-        };
-        let blocks = Blocks::new(view, &o.template, 0, &d.homography, size, &mut keep);
-        for (place, value) in blocks.correlations() {
-            grid.correlation[place] = value;
-        }
-        grid.is_part = blocks.is_part(&o.template.luma(0));
-        grid
-    }
-
-    /// The light in which the blocks that agree are seen.
-    #[inline(never)]
-    fn light(&self) -> Light {
-        let [mut all, mut mean, mut square, mut own] = [0.0f32; 4];
-        let ([mut n, mut t, mut f], mut means) = ([0.0f32; 3], [0.0f32; 2]);
-        for (m, &r) in self.moments.iter().zip(&self.correlation) {
-            if m.n > 0.0 {
-                all += 1.0;
-                mean += m.mean[0];
-                square += m.mean[0] * m.mean[0];
-                own += m.t.max(0.0);
-            }
-            if r > GOOD {
-                n += 1.0;
-                t += math::coarse_sqrt(m.t.max(0.0));
-                f += math::coarse_sqrt(m.f.max(0.0));
-                means = [means[0] + m.mean[0], means[1] + m.mean[1]];
-            }
-        }
-        let (all, n) = (all.max(1.0), n.max(1.0));
-        let gain = if t > 0.0 { f / t } else { 1.0 };
-        let spread = math::coarse_sqrt(((own + square) / all - (mean / all) * (mean / all)).max(1.0));
-        Light { gain, offset: (means[1] - gain * means[0]) / n, scale: 1.0 / (gain * spread + 2.0) }
-    }
-
-    /// Mean agreement of the neighbours of a block.
-    #[inline(never)]
-    fn neighbours(&self, i: usize) -> f32 {
-        let mut mean = Mean::NONE;
-        for (j, &r) in self.correlation.iter().enumerate() {
-            let apart = (i % BLOCKS).abs_diff(j % BLOCKS) + (i / BLOCKS).abs_diff(j / BLOCKS);
-            if apart == 1 && !r.is_nan() {
-                mean.add(agreement(r), 1.0);
-            }
-        }
-        mean.or(0.0)
-    }
-}
-
-/// Properties of the blocks: means over them.
+/// Properties of a mosaic and of the steps across the outline, in the order of [`NAMES`].
 #[inline(never)]
-fn blocks(grid: &Grid) -> [Mean; 7] {
-    let light = grid.light();
-    let mut means = [Mean::NONE; 7];
-    let [good, agree, mid, dis, clump, contra, foreign] = &mut means;
-    for (i, (&r, m)) in grid.correlation.iter().zip(&grid.moments).enumerate() {
-        if !r.is_nan() {
-            let strange = light.foreign(m);
-            let (a, near) = (agreement(r), grid.neighbours(i));
-            let off = 1.0 - unit(r / 0.7);
-            let is = |is: bool| f32::from(u8::from(is));
-            good.add(is(r > GOOD), 1.0);
+fn properties(mosaic: &Mosaic, pieces: &Pieces) -> [f32; OF_CELLS] {
+    let light = Light::new(mosaic);
+    let agreement: [f32; ALL] = core::array::from_fn(|i| light.agreement(&mosaic[i]));
+    let [mut agree, mut mid, mut even, mut clump, mut dis] = [Mean::NONE; 5];
+    let [mut luma, mut chroma] = [Sides::NONE; 2];
+    for (i, (cell, &a)) in mosaic.iter().zip(&agreement).enumerate().filter(|(_, (cell, _))| cell.is_seen) {
+        let value = cell.value();
+        let sides = [number(value > GOOD), number(value < OFF)];
+        if cell.is_textured {
             agree.add(a, 1.0);
-            mid.add(is(r > 0.3 && r < GOOD), 1.0);
-            clump.add(near, a);
-            dis.add(1.0 - near, 1.0 - a);
-            contra.add(off * (1.0 - strange), 1.0);
-            foreign.add(off * strange, 1.0);
+            mid.add(1.0 - sides[0] - sides[1], 1.0);
+        } else {
+            even.add(a, 1.0);
+        }
+        luma.add(light.off(cell), sides);
+        if let Some(pair) = cell.chroma {
+            chroma.add(light.strange(pair), if cell.is_textured { sides } else { [0.5 * a, 0.0] });
+        }
+        // The neighbours to the right and below.
+        for (j, there) in [(i + 1, i % SIDE + 1 < SIDE), (i + SIDE, i + SIDE < ALL)] {
+            if there && mosaic[j].is_seen {
+                let b = agreement[j];
+                clump.add(2.0 * a * b / (a + b).max(1e-3), a + b);
+                dis.add(2.0 * (1.0 - a) * (1.0 - b) / (2.0 - a - b).max(1e-3), 2.0 - a - b);
+            }
         }
     }
-    means
-}
-
-/// Steps across the outline, where the object seems hidden and elsewhere: their means.
-#[inline(never)]
-fn steps(pieces: &Pieces) -> [Mean; 2] {
-    let mut means = [Mean::NONE; 2];
-    for (i, piece) in pieces.iter().enumerate() {
-        let beside = [1, pieces.len() - 1].map(|k| pieces[(i + k) % pieces.len()].inside);
-        // Comparisons with NaN are false: a piece that shows nothing is not off, and leaves its
-        // neighbours as they are.
-        let off = piece.inside < 0.3 && !beside.iter().any(|&r| r >= 0.45);
-        if !piece.step.is_nan() {
-            means[usize::from(!off)].add(piece.step.clamp(-1.0, 6.0), 1.0);
+    let (mut edge, mut hidden) = (Mean::NONE, 0.0);
+    for (i, &step) in pieces.iter().enumerate() {
+        let [x, y] = cell_at(i);
+        let (cell, a) = (&mosaic[y * SIDE + x], agreement[y * SIDE + x]);
+        if cell.is_seen && !step.is_nan() {
+            hidden += number(a < 0.125);
+            edge.add(step.clamp(-1.0, 6.0), number(a > 0.75));
         }
     }
-    means
-}
-
-/// Properties of the blocks of an object that is seen plainly.
-fn plain(fit: f32) -> [Mean; 7] {
-    let is = |sum: f32| Mean { sum, weight: 1.0 };
-    [is(1.0), is(fit), Mean::NONE, Mean::NONE, is(fit), Mean::NONE, Mean::NONE]
+    let ([light_a, light_d, lights], [tint_a, tint_d, tints]) = (luma.values(), chroma.values());
+    [
+        agree.or(0.0),
+        mid.or(0.0),
+        even.or(0.5),
+        light_a,
+        light_d / 2.0,
+        lights,
+        tint_a / 2.0,
+        tint_d / 4.0,
+        tints,
+        light.colour / 64.0,
+        clump.or(0.0),
+        dis.or(0.0),
+        hidden / pieces.len() as f32,
+        (edge.or(3.0) + 1.0) / 7.0,
+    ]
 }
 
 /// Scrutinises a detection. An object that is seen plainly, [`Appearance::visible`], is not looked
-/// at again. One that lies mostly outside the frame is [`Scrutiny::STRANGE`] when too little agrees of what lies
-/// inside.
+/// at again. `None` for one that lies mostly outside the frame when too little agrees of what lies inside.
 ///
 /// [`Appearance::visible`]: crate::Appearance::visible
 #[inline(never)]
 #[must_use]
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 to 255")]
-pub fn scrutinise(view: &PyramidView<'_>, model: &Model<'_>, d: &Detection, pace: &mut dyn Pace) -> Scrutiny {
-    let mut means = plain(d.fit());
-    let mut outline = [Mean::NONE, PLAIN_STEP];
+pub fn scrutinise(view: &PyramidView<'_>, model: &Model<'_>, d: &Detection, pace: &mut dyn Pace) -> Option<Scrutiny> {
+    let mut values = [0.0; PROPERTIES];
+    let (cells, others) = values.split_at_mut(OF_CELLS);
+    cells.copy_from_slice(&PLAIN_CELLS);
     if d.appearance.visible < PLAIN {
         let o = model.object(usize::from(d.object));
-        let grid = Grid::new(view, &o, d, pace);
-        if grid.is_part && d.appearance.visible < LEAST_OF_PART {
-            return Scrutiny::STRANGE;
+        if d.appearance.visible < LEAST_OF_PART && is_part(view, &o, &d.homography) {
+            return None;
         }
-        means = blocks(&grid);
-        let template = o.template.luma(0);
-        let level = level_of_area(area(&d.corners).abs() / (template.width() * template.height()) as f32);
-        outline = steps(&trace(view, &o, d, level, pace));
+        cells.copy_from_slice(&properties(&lay(view, &o, d, pace), &trace(view, &o, d, pace)));
     }
-    let [hidden, shown] = outline;
-    let mut values = [0.0; PROPERTIES];
-    for (value, mean) in values.iter_mut().zip(&means) {
-        *value = mean.or(0.0);
-    }
-    values[5] *= 2.0;
-    let n = hidden.weight;
-    values[7] = (n / (n + 4.0) * (hidden.or(2.2) - 2.2) + 3.0) / 6.0;
-    values[8] = n / 48.0;
-    values[9] = (shown.or(3.0) + 1.0) / 7.0;
-    values[10] = f32::from(d.appearance.inside) / PLACES as f32;
-    let (votes, agreeing) = (f32::from(d.votes), f32::from(d.agreeing));
-    let numbers =
-        [(votes, 40.0), (agreeing, 30.0), (d.appearance.strong, 60.0), (0.0, 0.0), (d.appearance.support, 60.0)];
-    for (value, (v, scale)) in values[11..].iter_mut().zip(numbers) {
-        *value = math::ln(1.0 + v) * scale / 255.0;
-    }
-    values[14] = values[11] - values[15] * (40.0 / 60.0) + 128.0 / 255.0;
+    others[0] = f32::from(d.appearance.inside) / BLOCKS_OF_ALL;
+    others[1] = math::ln(1.0 + f32::from(d.votes)) * 40.0 / 255.0;
     let mut out = [0; PROPERTIES];
     for (out, v) in out.iter_mut().zip(values) {
         *out = (255.0 * unit(v) + 0.5) as u8;
     }
-    Scrutiny(out)
+    Some(Scrutiny(out))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::detect::light::Moments;
     use std::vec::Vec;
 
-    /// A grid in which the blocks of the right half agree, and the others are as much brighter.
-    fn half(brighter: f32) -> Grid {
-        let agrees = |i: usize| i % BLOCKS >= BLOCKS / 2;
-        let seen = |i: usize| if agrees(i) { 60.0 } else { 60.0 + brighter };
-        let moments = |i| Moments { n: 100.0, mean: [100.0, seen(i)], t: 900.0, f: 900.0, tf: 0.0 };
-        Grid {
-            moments: core::array::from_fn(moments),
-            correlation: core::array::from_fn(|i| if agrees(i) { 0.95 } else { 0.0 }),
-            is_part: false,
-        }
+    fn at(name: &str) -> usize {
+        NAMES.iter().position(|&n| n == name).unwrap()
+    }
+
+    /// A mosaic of which the cells agree that `agrees` says, by column and row. The others are as much brighter, and
+    /// have as much more of the first chroma.
+    fn mosaic(agrees: impl Fn(usize, usize) -> bool, brighter: i16, tinted: i16) -> Mosaic {
+        core::array::from_fn(|i| {
+            let agrees = agrees(i % SIDE, i / SIDE);
+            let [brighter, tinted] = if agrees { [0, 0] } else { [brighter, tinted] };
+            let own = i as i16 % 7 * 6;
+            Cell {
+                is_seen: true,
+                is_textured: true,
+                correlation: if agrees { 120 } else { 0 },
+                mean: [100, (100 + brighter) as u8],
+                spread: [30, 30],
+                chroma: Some([[own as i8, 0], [(own + tinted) as i8, 0]]),
+            }
+        })
+    }
+
+    fn of(mosaic: &Mosaic) -> Vec<f32> {
+        properties(mosaic, &[3.0; 4 * SIDE]).to_vec()
     }
 
     #[test]
-    fn what_disagrees_in_the_light_of_the_object_contradicts_and_a_stranger_hides() {
-        let of = |grid: &Grid| blocks(grid).iter().map(|mean| mean.or(0.0)).collect::<Vec<_>>();
-        let (same, other) = (of(&half(0.0)), of(&half(80.0)));
-        let at = |name: &str| NAMES.iter().position(|&n| n == name).unwrap();
-        let (contra, foreign) = (at("contra"), at("foreign"));
-        assert_eq!((same[contra], same[foreign]), (0.5, 0.0), "printed on the same paper");
-        assert_eq!((other[contra], other[foreign]), (0.0, 0.5), "something in front");
-        assert!((same[at("good")] - 0.5).abs() < 1e-6 && same[at("mid")] == 0.0);
+    fn something_in_front_is_one_region_with_its_own_light_and_colour() {
+        let front = of(&mosaic(|x, _| x >= SIDE / 2, 80, 60));
+        let alike = of(&mosaic(|x, y| (x + y) % 2 == 0, 0, 0));
+        for name in ["foreign", "strange", "clump", "dis"] {
+            assert!(front[at(name)] > alike[at(name)] + 0.1, "{name}: {front:?} {alike:?}");
+        }
+        for name in ["light", "tint"] {
+            assert_eq!((front[at(name)], alike[at(name)]), (0.0, 0.0), "{name}: what agrees is as expected");
+        }
+        assert_eq!(front[at("agree")], 0.5);
+    }
+
+    #[test]
+    fn other_colours_of_what_agrees_are_told() {
+        let mut mosaic = mosaic(|_, _| true, 0, 0);
+        let own = of(&mosaic)[at("tint")];
+        for (i, cell) in mosaic.iter_mut().enumerate() {
+            cell.chroma = Some([[0, 0], [if i % 2 == 0 { 40 } else { -40 }, 0]]);
+        }
+        assert!(of(&mosaic)[at("tint")] > own + 0.5);
+    }
+
+    #[test]
+    fn what_a_gray_frame_shows_has_no_colour() {
+        let mut mosaic = mosaic(|x, _| x >= SIDE / 2, 80, 0);
+        mosaic.iter_mut().for_each(|cell| cell.chroma = None);
+        let seen = of(&mosaic);
+        assert_eq!(["tint", "strange", "tints", "colour"].map(|n| seen[at(n)]), [0.0; 4]);
+    }
+
+    #[test]
+    fn where_the_outline_seems_hidden_is_counted() {
+        let seen = of(&mosaic(|x, _| x >= 3, 80, 60));
+        // The left side, and three cells of the upper and of the lower one.
+        assert_eq!(seen[at("hidden")], 18.0 / 48.0);
+        assert!((seen[at("edge")] - 4.0 / 7.0).abs() < 1e-6);
     }
 }

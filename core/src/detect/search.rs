@@ -401,7 +401,11 @@ impl Search<'_, '_> {
                 d.agreeing = count_agreeing(&map, self.pairs, &d.homography);
                 weigh(&self.scene, self.votes, model, &mut d, self.context.laps);
                 if d.score >= bar.impression && d.appearance.visible >= visible {
-                    d.score = believe(&scrutinise(&self.scene.pyramid, model, &d, self.context.laps));
+                    let seen = scrutinise(&self.scene.pyramid, model, &d, self.context.laps);
+                    d.score = seen.as_ref().map_or(0.0, believe);
+                    if let Some(seen) = &seen {
+                        self.context.laps.end(self.context.tally, Output::Scrutinised(&d, seen));
+                    }
                     // What has not been looked at whole is not believed.
                     if !self.context.laps.stopped {
                         self.accept(&d, bar.score);

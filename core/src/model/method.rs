@@ -160,8 +160,7 @@ pub struct Parameters {
     /// most about twice as many keygraphs has no second tier. A larger first tier finds the object
     /// more often without the second.
     pub first_tier: usize,
-    /// Minimum first impression of a pose after the last step of a search, [`Bar::impression`], as
-    /// a part of the minimum score.
+    /// Minimum first impression of a pose after the last step of a search, [`Bar::impression`].
     pub impression: f32,
     /// Minimum evidence for a detection while parts of the model or the frame are still unsearched.
     pub first_pass: Bar,
@@ -197,7 +196,7 @@ const KEYGRAPH: Parameters = Parameters {
     prefixes: &[25, 35, 50, 71, 100, 141, 200, 283, 400, 450],
     scalene: Scalene { min_angle_deg: 8.0, min_difference_deg: 4.0, min_side_px: 8.0 },
     first_tier: 1024,
-    impression: 0.75,
+    impression: 0.6,
     first_pass: Bar { weight: 12, impression: 0.99, score: 0.0, heavy: 100, support: 16.0 },
     doubt: [12, 24],
     crowd: Some(2),
