@@ -298,7 +298,7 @@ mod tests {
             table(Scope { second_tiers: false, ..ONE }, Method::Keygraph, Wish { threshold: 0.995, ..WISH }, 0),
             [
                 "First(0) Coarse Always | 6 18 | 12 0.990 0.995 100 16",
-                "First(0) Finest InDoubt(24) | 6 18 | 0 0.746 0.995 0 0",
+                "First(0) Finest InDoubt(24) | 6 18 | 0 0.600 0.995 0 0",
             ]
         );
     }
