@@ -493,7 +493,11 @@ mod tests {
             for ys in block_ranges(HEIGHT, BLOCKS, 0) {
                 let (mut one, mut four) = (RowOfPairs::default(), RowOfPairs::default());
                 overlay.add_row::<1, 0>(ys.clone().step_by(every(&overlay.luma)), &columns, &mut one);
-                overlay.add_row::<LANES, { TEMPLATE_SIDE + LANES }>(ys.clone().step_by(every(&overlay.luma)), &columns, &mut four);
+                overlay.add_row::<LANES, { TEMPLATE_SIDE + LANES }>(
+                    ys.clone().step_by(every(&overlay.luma)),
+                    &columns,
+                    &mut four,
+                );
                 for ((one, four), xs) in one.iter().zip(&four).zip(&columns) {
                     let m = Moments::new(total(one));
                     assert_eq!(m, Moments::new(total(four)), "rows {ys:?}, columns {xs:?}");
