@@ -25,13 +25,9 @@ from truth import gather
 DIRECTIONS = {
     "agree": 1,
     "mid": -1,
-    "even": 0,
-    "light": -1,
     "foreign": 0,
-    "lights": -1,
     "tint": -1,
     "strange": 0,
-    "tints": -1,
     "colour": 0,
     "clump": 1,
     "dis": 0,
@@ -40,8 +36,8 @@ DIRECTIONS = {
     "inside": 0,
     "votes": 1,
 }
-# What a frame or a model without colour cannot tell: then these are 0.
-OF_COLOUR = ("tint", "strange", "tints", "colour")
+# What a frame without colour cannot tell: then these are 0.
+OF_COLOUR = ("tint", "strange")
 GRAY = 0.3  # weight of a detection without its colour, beside that with it
 
 # A kind weighs as the square root of its detections, times its factor, or 1. Families that show as much as what is half

@@ -233,6 +233,20 @@ def round_corners(mask, radius):
             cv2.circle(mask, (x, y), radius, WHITE, -1, cv2.LINE_AA)
 
 
+def signs(ours, own):
+    """Boards of signs that differ in their colours, and hardly in their brightness."""
+    pixels, side, light = sheet(480, 720, ours.colour(20, 90)), 480 // ours.number(2, 4), ours.number(80, 150)
+    inset = side // ours.number(8, 14)
+    for y in range(0, 721 - side, side):
+        for x in range(0, 481 - side, side):
+            colour = np.array(own.colour(20, 255))
+            colour = np.clip(colour * light / (colour @ (0.114, 0.587, 0.299)), 0, 255).astype(int).tolist()
+            box(pixels, (x + inset, y + inset), side - 2 * inset, side - 2 * inset, colour)
+            middle, size = (x + side // 2, y + side // 2), ours.number(side // 8, side // 4)
+            cv2.circle(pixels, middle, size, PALE, (-1, 7)[own.number(0, 1)], cv2.LINE_AA)
+    return pixels
+
+
 def package(ours, own):
     """Packages of one brand: a band of 35 % of the area is shared."""
     pixels = sheet(420, 620)
@@ -374,6 +388,7 @@ FAMILIES = {
     "one badge": badge,
     "apps": apps,
     "decks": deck,
+    "signs": signs,
 }
 # Families of which half of the area or more is shared: a sibling shows as much as an object half of which is hidden.
 MOSTLY_SHARED = ("forms", "tickets", "shelf labels", "keyboards", "one series")

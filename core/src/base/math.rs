@@ -36,31 +36,61 @@ pub fn sqrt(x: f32) -> f32 {
 }
 
 /// Returns the square root with a relative error below 3e-7. `x` must be 0 or larger than 1e-30.
-/// The function uses plain arithmetic, so that compilers make vectors of it.
+#[inline(never)]
 #[must_use]
 pub fn coarse_sqrt(x: f32) -> f32 {
+    inline_sqrt(x)
+}
+
+/// [`coarse_sqrt`] within its caller: plain arithmetic, so that compilers make vectors of it.
+#[inline(always)]
+pub(crate) fn inline_sqrt(x: f32) -> f32 {
     // Newton's steps towards 1 / sqrt(x) start from half the negative exponent.
     let start = f32::from_bits(0x5f37_59df_u32.wrapping_sub(x.to_bits() >> 1));
     let step = |y: f32| y * (1.5 - 0.5 * x * y * y);
     x * step(step(step(start)))
 }
 
-/// Returns the natural logarithm.
+/// Returns the natural logarithm, as exact as [`log2`].
 #[must_use]
 pub fn ln(x: f32) -> f32 {
-    libm::logf(x)
+    log2(x) * core::f32::consts::LN_2
 }
 
-/// Returns the base-2 logarithm.
+/// Returns the base-2 logarithm of a number above 1e-37, with an error below 2e-7 of the result or of 1,
+/// whichever is more. Powers of two are exact.
+///
+/// The function takes the exponent apart, and sums the first terms of the series of the rest. The library's
+/// function takes twice the flash.
+#[inline(never)]
 #[must_use]
 pub fn log2(x: f32) -> f32 {
-    libm::log2f(x)
+    // From a root of a half on, so that the rest lies about 1.
+    const START: u32 = core::f32::consts::FRAC_1_SQRT_2.to_bits();
+    let above = x.to_bits().wrapping_sub(START).cast_signed();
+    let rest = f32::from_bits(START + (above.cast_unsigned() & 0x7f_ffff));
+    let s = (rest - 1.0) / (rest + 1.0);
+    let z = s * s;
+    let series = 1.0 + z * (1.0 / 3.0 + z * (0.2 + z * (1.0 / 7.0)));
+    (above >> 23) as f32 + 2.0 * core::f32::consts::LOG2_E * s * series
 }
 
-/// Returns `e` to the power `x`.
+/// Returns `e` to the power `x`, with a relative error below 4e-7. Below -87 and above 88 the result is that of
+/// the limit.
+///
+/// The function takes whole powers of two apart, and sums the first terms of the series. The library's function
+/// takes three times the flash.
+#[inline(never)]
 #[must_use]
 pub fn exp(x: f32) -> f32 {
-    libm::expf(x)
+    // The logarithm of two in two parts. The first part has few bits, so that its multiples are exact.
+    const LN_2: [f32; 2] = [0.693_145_75, 1.428_606_8e-6];
+    let x = x.clamp(-87.0, 88.0);
+    let power = round(x * core::f32::consts::LOG2_E);
+    let r = x - power as f32 * LN_2[0] - power as f32 * LN_2[1];
+    let more = 1.0 / 24.0 + r * (1.0 / 120.0 + r * (1.0 / 720.0));
+    let e = 1.0 + r * (1.0 + r * (0.5 + r * (1.0 / 6.0 + r * more)));
+    e * f32::from_bits((power + 127).cast_unsigned() << 23)
 }
 
 /// Returns the sine and the cosine of an angle in radians, with an error below 2e-7. The angle must
@@ -149,6 +179,31 @@ mod tests {
             assert!(e < 3e-7, "sqrt {x}: off by {e}");
         }
         assert_eq!(coarse_sqrt(0.0), 0.0);
+    }
+
+    #[test]
+    fn log2_is_good_to_2e_7() {
+        for i in 0..40_000 {
+            let x = 1e-37 * 1.004f32.powi(i);
+            if x.is_infinite() {
+                break;
+            }
+            let expected = f64::from(x).log2();
+            let e = (f64::from(log2(x)) - expected).abs() / expected.abs().max(1.0);
+            assert!(e < 2e-7, "log2 {x}: off by {e}");
+        }
+        assert_eq!((log2(1.0), log2(2.0), log2(0.25), ln(1.0)), (0.0, 1.0, -2.0, 0.0));
+    }
+
+    #[test]
+    fn exp_is_good_to_4e_7() {
+        for i in -8700..=8800 {
+            let x = i as f32 / 100.0;
+            let e = f64::from(exp(x)) / f64::from(x).exp() - 1.0;
+            assert!(e.abs() < 4e-7, "exp {x}: off by {e}");
+        }
+        assert_eq!((exp(0.0), exp(-1e9), exp(1e9)), (1.0, exp(-87.0), exp(88.0)));
+        assert!(exp(f32::NAN).is_nan());
     }
 
     #[test]

@@ -77,6 +77,7 @@ pub fn is_plausible(outline: &[[f32; 2]; 4], min_area: f32, max_ratio: f32) -> b
 }
 
 /// The pyramid level in which an area of `px2` square px of level 0 is about one pixel.
+#[inline(never)]
 pub(crate) fn level_of_area(px2: f32) -> usize {
     // Half a log2 of the area, rounded.
     let l = math::round(math::log2(px2.max(1e-3)) / 2.0 - 0.2);
@@ -109,7 +110,7 @@ fn roundness(luma: &Plane<'_, u8>, [columns, rows]: &Part, block: usize) -> f32 
     }
     let (sum, difference) = ((xx + yy) as f32, (xx - yy) as f32);
     let cross = 2.0 * xy as f32;
-    (sum - math::sqrt(difference * difference + cross * cross)).max(0.0) / sum.max(1.0)
+    (sum - math::coarse_sqrt(difference * difference + cross * cross)).max(0.0) / sum.max(1.0)
 }
 
 /// Columns and rows of a part of a template.

@@ -32,7 +32,7 @@ pub(crate) struct Agreement {
 impl Agreement {
     #[inline(never)]
     pub(crate) fn new(d: &Detection) -> Self {
-        let radius = (AGREEMENT * math::sqrt(area(&d.corners).abs())).max(CORNER_NOISE_PX);
+        let radius = (AGREEMENT * math::coarse_sqrt(area(&d.corners).abs())).max(CORNER_NOISE_PX);
         Self { object: d.object, homography: d.homography, radius2: radius * radius }
     }
 

@@ -42,7 +42,7 @@ impl Moments {
     }
 
     /// Correlation of template and frame, -1 to 1. A flat block of the frame correlates with nothing.
-    #[inline(always)]
+    #[inline(never)]
     pub(crate) fn correlation(&self) -> f32 {
         self.tf / math::coarse_sqrt(self.t * self.f.max(4.0))
     }

@@ -9,7 +9,6 @@
 
 use core::ops::Range;
 
-use crate::base::capacity::LEVELS;
 use crate::base::geometry::{Homography, area};
 use crate::base::math;
 use crate::base::pace::Pace;
@@ -28,7 +27,7 @@ pub(crate) const SIDE: usize = 2 * BLOCKS;
 pub(crate) const ALL: usize = SIDE * SIDE;
 
 /// A cell of a template, over the frame.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Cell {
     /// Whether the frame shows most of it.
     pub(crate) is_seen: bool,
@@ -40,8 +39,9 @@ pub(crate) struct Cell {
     pub(crate) mean: [u8; 2],
     /// Spread of the template and of the frame, gray levels.
     pub(crate) spread: [u8; 2],
-    /// Mean chroma of the template and of the frame; `None` where one of the two has none.
-    pub(crate) chroma: Option<[[i8; 2]; 2]>,
+    /// Mean chroma of the template, [`NO_CHROMA`] where it has none, and of the frame at the same pixels. Where the frame
+    /// has none at all, that of the frame is [`NO_CHROMA`].
+    pub(crate) chroma: [[i8; 2]; 2],
 }
 
 /// The cells, row by row.
@@ -56,9 +56,8 @@ pub(crate) fn lay(view: &PyramidView<'_>, o: &Object<'_>, d: &Detection, pace: &
     let map = d.homography.after(&o.template.to_picture(o.width as f32, o.height as f32));
     let overlay = Overlay { luma, plane: view.luma(level), map: into_level(level).after(&map) };
     // Chroma px are twice as large in template and frame, so the same level fits.
-    let to_chroma = into_level(level + 1).after(&map.after(&Homography::affine([2.0, 0.0, 0.5, 0.0, 2.0, 0.5])));
-    let planes = view.chroma(level.min(LEVELS - 1));
-    let mut mosaic = [Cell::default(); ALL];
+    let planes = view.chroma(level);
+    let mut mosaic = [Cell::UNSEEN; ALL];
     for (row, ys) in mosaic.chunks_exact_mut(SIDE).zip(block_ranges(h, SIDE, 0)) {
         let mut ranges = block_ranges(w, SIDE, 0);
         for cells in row.chunks_exact_mut(BLOCKS) {
@@ -70,7 +69,7 @@ pub(crate) fn lay(view: &PyramidView<'_>, o: &Object<'_>, d: &Detection, pace: &
             let moments = overlay.correlate(ys.clone(), &columns, 1);
             for ((cell, m), xs) in cells.iter_mut().zip(&moments).zip(columns) {
                 *cell = Cell::new(m, number(xs.len() * ys.len()));
-                cell.chroma = chroma(&o.template, planes, &to_chroma, [xs, ys.clone()]);
+                cell.chroma = chroma(&o.template, planes, &overlay.map, [xs, ys.clone()]);
             }
         }
     }
@@ -78,44 +77,72 @@ pub(crate) fn lay(view: &PyramidView<'_>, o: &Object<'_>, d: &Detection, pace: &
 }
 
 impl Cell {
+    /// A cell that is not seen.
+    const UNSEEN: Self = Self {
+        is_seen: false,
+        is_textured: false,
+        correlation: 0,
+        mean: [0; 2],
+        spread: [0; 2],
+        chroma: [[NO_CHROMA; 2]; 2],
+    };
+
     /// The cell with these moments. `full` is the number of its pixels.
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "casts of floats end at the limits")]
+    #[inline(never)]
+    #[allow(clippy::cast_possible_truncation, reason = "casts of floats end at the limits")]
     fn new(m: &Moments, full: f32) -> Self {
         Self {
             is_seen: m.n >= 0.6 * full,
             is_textured: m.is_textured(),
             correlation: (m.correlation() * 127.0) as i8,
-            mean: m.mean.map(|v| v as u8),
-            spread: [m.t, m.f].map(|v| math::coarse_sqrt(v.max(0.0)) as u8),
-            chroma: None,
+            mean: m.mean.map(byte),
+            spread: [m.t, m.f].map(|v| byte(math::coarse_sqrt(v.max(0.0)))),
+            ..Self::UNSEEN
         }
     }
 }
 
-/// Mean chroma of a part of a template, given in px of its luma, and of the frame there.
+/// The whole part of a number, 0 to 255.
 #[inline(never)]
-#[allow(clippy::cast_possible_truncation, reason = "a mean of bytes is a byte")]
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "casts of floats end at the limits")]
+pub(crate) fn byte(v: f32) -> u8 {
+    v as u8
+}
+
+/// Mean chroma of a part of a template, given in px of its luma, and of the frame there, as [`Cell::chroma`] says. `map`
+/// is that of luma.
+#[inline(never)]
+#[allow(clippy::cast_possible_truncation, clippy::cast_possible_wrap, reason = "templates are small, means are bytes")]
 fn chroma(
     template: &Template<'_>,
     planes: [Plane<'_, i8>; 2],
     map: &Homography,
     part: [Range<usize>; 2],
-) -> Option<[[i8; 2]; 2]> {
+) -> [[i8; 2]; 2] {
     let source = template.chroma(0);
     let [xs, ys] = part.map(|v| v.start / 2..v.end / 2);
-    let (mut sums, mut n) = ([[0i32; 2]; 2], 0);
-    for y in ys.start..ys.end.min(source[0].height()) {
-        for x in xs.start..xs.end.min(source[0].width()) {
-            let [u, v] = map.apply([number(x), number(y)]);
-            let t = source.map(|c| c.row(y)[x].cast_signed());
-            let f = nearest(planes, math::round(u), math::round(v));
-            if t[0] != NO_CHROMA && f[0] != NO_CHROMA {
-                n += 1;
-                for (sum, v) in sums.iter_mut().zip([t, f]) {
-                    *sum = [sum[0] + i32::from(v[0]), sum[1] + i32::from(v[1])];
+    // Of the template alone, and of pixels that have chroma in both.
+    let (mut alone, mut n_alone, mut both, mut n) = ([0i32; 2], 0, [[0i32; 2]; 2], 0);
+    for y in ys {
+        for x in xs.clone() {
+            let [u, v] = map.apply([x, y].map(|v| number(2 * v) + 0.5)).map(|v| math::whole(0.5 * v));
+            let t = source.map(|c| c.nearest(x as i32, y as i32).cast_signed());
+            let f = nearest(planes, u, v);
+            if t[0] != NO_CHROMA {
+                n_alone += 1;
+                add(&mut alone, t);
+                if f[0] != NO_CHROMA {
+                    n += 1;
+                    add(&mut both[0], t);
+                    add(&mut both[1], f);
                 }
             }
         }
     }
-    (n > 0).then(|| sums.map(|sum| sum.map(|v| (v / n) as i8)))
+    let mean = |sum: [i32; 2], n: i32| if n > 0 { sum.map(|v| (v / n) as i8) } else { [NO_CHROMA; 2] };
+    [if n > 0 { mean(both[0], n) } else { mean(alone, n_alone) }, mean(both[1], n)]
+}
+
+fn add(sum: &mut [i32; 2], v: [i8; 2]) {
+    *sum = [sum[0] + i32::from(v[0]), sum[1] + i32::from(v[1])];
 }

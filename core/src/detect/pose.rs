@@ -65,7 +65,7 @@ impl Normalised {
     pub fn new(width: f32, height: f32, centre: [f32; 2], size_px: f32) -> Self {
         let middle = |v: f32| (v - 1.0) / 2.0;
         Self {
-            picture: [middle(width), middle(height), 1.0 / math::sqrt(width * height)],
+            picture: [middle(width), middle(height), 1.0 / math::coarse_sqrt(width * height)],
             frame: [centre[0], centre[1], 1.0 / size_px],
         }
     }

@@ -12,13 +12,14 @@ use crate::base::pace::Pace;
 use crate::detect::appearance::is_part;
 use crate::detect::detection::Detection;
 use crate::detect::light::BLOCKS;
-use crate::detect::mosaic::{ALL, Cell, Mosaic, SIDE, lay};
+use crate::detect::mosaic::{ALL, Cell, Mosaic, SIDE, byte, lay};
 use crate::detect::outline::{Pieces, cell_at, trace};
+use crate::image::pixels::NO_CHROMA;
 use crate::image::pyramid::PyramidView;
 use crate::model::parse::Model;
 
 /// Number of properties.
-pub const PROPERTIES: usize = 16;
+pub const PROPERTIES: usize = 12;
 
 /// What is seen at a pose: properties, each 0 to 255.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -27,15 +28,14 @@ pub struct Scrutiny(pub [u8; PROPERTIES]);
 
 /// Names of the properties, in their order.
 pub const NAMES: [&str; PROPERTIES] = [
-    "agree", "mid", "even", "light", "foreign", "lights", "tint", "strange", "tints", "colour", "clump", "dis",
-    "hidden", "edge", "inside", "votes",
+    "agree", "mid", "foreign", "tint", "strange", "colour", "clump", "dis", "hidden", "edge", "inside", "votes",
 ];
 
 /// Number of properties of the cells and of the outline.
 const OF_CELLS: usize = PROPERTIES - 2;
 
 /// Properties of the cells and of the outline of an object that is seen plainly.
-const PLAIN_CELLS: [f32; OF_CELLS] = [1.0, 0.0, 1.0, 0.05, 0.0, 0.3, 0.05, 0.0, 0.3, 0.5, 1.0, 0.0, 0.0, 0.75];
+const PLAIN_CELLS: [u8; OF_CELLS] = [255, 0, 0, 13, 0, 128, 255, 0, 0, 191];
 
 /// Correlation above which a cell agrees, and below which it disagrees.
 const GOOD: f32 = 0.7;
@@ -76,9 +76,13 @@ struct Mean {
 impl Mean {
     const NONE: Self = Self { sum: 0.0, weight: 0.0 };
 
-    #[inline(never)]
     fn add(&mut self, value: f32, weight: f32) {
-        self.sum += value * weight;
+        self.add_sums(value * weight, weight);
+    }
+
+    #[inline(never)]
+    fn add_sums(&mut self, sum: f32, weight: f32) {
+        self.sum += sum;
         self.weight += weight;
     }
 
@@ -111,30 +115,10 @@ impl Pairs {
     }
 }
 
-/// Means over the cells that agree, and over those that disagree.
-#[derive(Clone, Copy)]
-struct Sides([Mean; 2]);
-
-impl Sides {
-    const NONE: Self = Self([Mean::NONE; 2]);
-
-    #[inline(never)]
-    fn add(&mut self, value: f32, weights: [f32; 2]) {
-        self.0.iter_mut().zip(weights).for_each(|(mean, weight)| mean.add(value, weight));
-    }
-
-    /// Both means, and the part of the first in their sum.
-    #[inline(never)]
-    fn values(&self) -> [f32; 3] {
-        let [agreeing, disagreeing] = self.0.map(|mean| mean.or(0.0));
-        [agreeing, disagreeing, agreeing / (agreeing + disagreeing + 0.1)]
-    }
-}
-
-/// Limits a number to 0 to 1.
+/// A share as a property: 255 for 1.
 #[inline(never)]
-fn unit(v: f32) -> f32 {
-    v.clamp(0.0, 1.0)
+fn share(v: f32) -> u8 {
+    byte(255.0 * v + 0.5)
 }
 
 /// 1 for true.
@@ -198,12 +182,12 @@ impl Light {
             agreeing[2].add(mean, agrees);
             own.add(spread[0] * spread[0], 1.0);
             inner.add(spread, agrees);
-            if let Some([t, f]) = cell.chroma {
-                for i in 0..2 {
-                    let pair = [t[i], f[i]].map(f32::from);
-                    all[i].add(pair, 1.0);
-                    agreeing[i].add(pair, agrees);
-                }
+            let [t, f] = cell.chroma;
+            let [in_template, in_both] = [t[0] != NO_CHROMA, f[0] != NO_CHROMA].map(number);
+            for i in 0..2 {
+                let pair = [t[i], f[i]].map(f32::from);
+                all[i].add(pair, in_template);
+                agreeing[i].add(pair, in_both * agrees);
             }
         }
         let [.., squares, products] = inner.0.map(|mean| WITHIN * mean.or(0.0));
@@ -236,36 +220,35 @@ impl Light {
         let flat = f32::from(cell.spread[1]) < 6.0 * self.luma.gain + 4.0;
         let unsure = UNSURE * self.luma.gain * (f32::from(cell.mean[0]) - self.luma.middle).abs() / self.spread;
         let even = flat && self.off(cell) < LIT + unsure;
-        if cell.is_textured { unit((cell.value() - 0.3) / 0.4) } else { number(even) }
+        if cell.is_textured { ((cell.value() - 0.3) / 0.4).clamp(0.0, 1.0) } else { number(even) }
     }
 }
 
 /// Properties of a mosaic and of the steps across the outline, in the order of [`NAMES`].
 #[inline(never)]
-fn properties(mosaic: &Mosaic, pieces: &Pieces) -> [f32; OF_CELLS] {
+fn properties(mosaic: &Mosaic, pieces: &Pieces) -> [u8; OF_CELLS] {
     let light = Light::new(mosaic);
     let agreement: [f32; ALL] = core::array::from_fn(|i| light.agreement(&mosaic[i]));
-    let [mut agree, mut mid, mut even, mut clump, mut dis] = [Mean::NONE; 5];
-    let [mut luma, mut chroma] = [Sides::NONE; 2];
+    let [mut agree, mut mid, mut foreign, mut tint, mut strange, mut clump, mut dis] = [Mean::NONE; 7];
     for (i, (cell, &a)) in mosaic.iter().zip(&agreement).enumerate().filter(|(_, (cell, _))| cell.is_seen) {
         let value = cell.value();
-        let sides = [number(value > GOOD), number(value < OFF)];
+        let (good, off) = (number(value > GOOD), number(value < OFF));
         if cell.is_textured {
             agree.add(a, 1.0);
-            mid.add(1.0 - sides[0] - sides[1], 1.0);
-        } else {
-            even.add(a, 1.0);
+            mid.add(1.0 - good - off, 1.0);
         }
-        luma.add(light.off(cell), sides);
-        if let Some(pair) = cell.chroma {
-            chroma.add(light.strange(pair), if cell.is_textured { sides } else { [0.5 * a, 0.0] });
+        foreign.add(light.off(cell), off);
+        if cell.chroma[1][0] != NO_CHROMA {
+            let far = light.strange(cell.chroma);
+            tint.add(far, if cell.is_textured { good } else { 0.5 * a });
+            strange.add(far, off);
         }
         // The neighbours to the right and below.
         for (j, there) in [(i + 1, i % SIDE + 1 < SIDE), (i + SIDE, i + SIDE < ALL)] {
             if there && mosaic[j].is_seen {
                 let b = agreement[j];
-                clump.add(2.0 * a * b / (a + b).max(1e-3), a + b);
-                dis.add(2.0 * (1.0 - a) * (1.0 - b) / (2.0 - a - b).max(1e-3), 2.0 - a - b);
+                clump.add_sums(2.0 * a * b, a + b);
+                dis.add_sums(2.0 * (1.0 - a) * (1.0 - b), 2.0 - a - b);
             }
         }
     }
@@ -278,22 +261,17 @@ fn properties(mosaic: &Mosaic, pieces: &Pieces) -> [f32; OF_CELLS] {
             edge.add(step.clamp(-1.0, 6.0), number(a > 0.75));
         }
     }
-    let ([light_a, light_d, lights], [tint_a, tint_d, tints]) = (luma.values(), chroma.values());
     [
-        agree.or(0.0),
-        mid.or(0.0),
-        even.or(0.5),
-        light_a,
-        light_d / 2.0,
-        lights,
-        tint_a / 2.0,
-        tint_d / 4.0,
-        tints,
-        light.colour / 64.0,
-        clump.or(0.0),
-        dis.or(0.0),
-        hidden / pieces.len() as f32,
-        (edge.or(3.0) + 1.0) / 7.0,
+        share(agree.or(0.0)),
+        share(mid.or(0.0)),
+        share(foreign.or(0.0) / 2.0),
+        share(tint.or(0.0) / 2.0),
+        share(strange.or(0.0) / 4.0),
+        share(light.colour / 64.0),
+        share(clump.or(0.0)),
+        share(dis.or(0.0)),
+        share(hidden / pieces.len() as f32),
+        share((edge.or(3.0) + 1.0) / 7.0),
     ]
 }
 
@@ -303,9 +281,8 @@ fn properties(mosaic: &Mosaic, pieces: &Pieces) -> [f32; OF_CELLS] {
 /// [`Appearance::visible`]: crate::Appearance::visible
 #[inline(never)]
 #[must_use]
-#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 to 255")]
 pub fn scrutinise(view: &PyramidView<'_>, model: &Model<'_>, d: &Detection, pace: &mut dyn Pace) -> Option<Scrutiny> {
-    let mut values = [0.0; PROPERTIES];
+    let mut values = [0; PROPERTIES];
     let (cells, others) = values.split_at_mut(OF_CELLS);
     cells.copy_from_slice(&PLAIN_CELLS);
     if d.appearance.visible < PLAIN {
@@ -315,13 +292,9 @@ pub fn scrutinise(view: &PyramidView<'_>, model: &Model<'_>, d: &Detection, pace
         }
         cells.copy_from_slice(&properties(&lay(view, &o, d, pace), &trace(view, &o, d, pace)));
     }
-    others[0] = f32::from(d.appearance.inside) / BLOCKS_OF_ALL;
-    others[1] = math::ln(1.0 + f32::from(d.votes)) * 40.0 / 255.0;
-    let mut out = [0; PROPERTIES];
-    for (out, v) in out.iter_mut().zip(values) {
-        *out = (255.0 * unit(v) + 0.5) as u8;
-    }
-    Some(Scrutiny(out))
+    others[0] = share(f32::from(d.appearance.inside) / BLOCKS_OF_ALL);
+    others[1] = share(math::ln(1.0 + f32::from(d.votes)) * 40.0 / 255.0);
+    Some(Scrutiny(values))
 }
 
 #[cfg(test)]
@@ -346,13 +319,13 @@ mod tests {
                 correlation: if agrees { 120 } else { 0 },
                 mean: [100, (100 + brighter) as u8],
                 spread: [30, 30],
-                chroma: Some([[own as i8, 0], [(own + tinted) as i8, 0]]),
+                chroma: [[own as i8, 0], [(own + tinted) as i8, 0]],
             }
         })
     }
 
     fn of(mosaic: &Mosaic) -> Vec<f32> {
-        properties(mosaic, &[3.0; 4 * SIDE]).to_vec()
+        properties(mosaic, &[3.0; 4 * SIDE]).iter().map(|&v| f32::from(v) / 255.0).collect()
     }
 
     #[test]
@@ -362,10 +335,8 @@ mod tests {
         for name in ["foreign", "strange", "clump", "dis"] {
             assert!(front[at(name)] > alike[at(name)] + 0.1, "{name}: {front:?} {alike:?}");
         }
-        for name in ["light", "tint"] {
-            assert_eq!((front[at(name)], alike[at(name)]), (0.0, 0.0), "{name}: what agrees is as expected");
-        }
-        assert_eq!(front[at("agree")], 0.5);
+        assert_eq!((front[at("tint")], alike[at("tint")]), (0.0, 0.0), "what agrees is as expected");
+        assert_eq!(front[at("agree")], 128.0 / 255.0);
     }
 
     #[test]
@@ -373,24 +344,28 @@ mod tests {
         let mut mosaic = mosaic(|_, _| true, 0, 0);
         let own = of(&mosaic)[at("tint")];
         for (i, cell) in mosaic.iter_mut().enumerate() {
-            cell.chroma = Some([[0, 0], [if i % 2 == 0 { 40 } else { -40 }, 0]]);
+            cell.chroma = [[0, 0], [if i % 2 == 0 { 40 } else { -40 }, 0]];
         }
         assert!(of(&mosaic)[at("tint")] > own + 0.5);
     }
 
     #[test]
-    fn what_a_gray_frame_shows_has_no_colour() {
+    fn a_gray_frame_has_no_tint_and_a_gray_picture_no_colour() {
         let mut mosaic = mosaic(|x, _| x >= SIDE / 2, 80, 0);
-        mosaic.iter_mut().for_each(|cell| cell.chroma = None);
+        let colour = of(&mosaic)[at("colour")];
+        mosaic.iter_mut().for_each(|cell| cell.chroma[1] = [NO_CHROMA; 2]);
         let seen = of(&mosaic);
-        assert_eq!(["tint", "strange", "tints", "colour"].map(|n| seen[at(n)]), [0.0; 4]);
+        assert_eq!(["tint", "strange", "colour"].map(|n| seen[at(n)]), [0.0, 0.0, colour]);
+        mosaic.iter_mut().for_each(|cell| cell.chroma = [[NO_CHROMA; 2]; 2]);
+        assert_eq!(of(&mosaic)[at("colour")], 0.0);
+        assert!(colour > 0.1);
     }
 
     #[test]
     fn where_the_outline_seems_hidden_is_counted() {
         let seen = of(&mosaic(|x, _| x >= 3, 80, 60));
         // The left side, and three cells of the upper and of the lower one.
-        assert_eq!(seen[at("hidden")], 18.0 / 48.0);
-        assert!((seen[at("edge")] - 4.0 / 7.0).abs() < 1e-6);
+        assert_eq!(seen[at("hidden")], 96.0 / 255.0);
+        assert_eq!(seen[at("edge")], 146.0 / 255.0);
     }
 }

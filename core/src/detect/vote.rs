@@ -86,7 +86,7 @@ pub fn similarity(view: &View, object_size: f32, from: [[f32; 2]; 3], to: [[f32;
         return None;
     }
     let (cx, cy) = (view.centre[0] - fx, view.centre[1] - fy);
-    let size = math::sqrt(scale2) * view.scale * object_size;
+    let size = math::coarse_sqrt(scale2) * view.scale * object_size;
     let turns = math::coarse_atan2(im, re) * (65536.0 / core::f32::consts::TAU);
     Some(Similarity {
         centre: [tx + re * cx - im * cy, ty + re * cy + im * cx],
@@ -106,7 +106,7 @@ pub fn cast(
     [from, to]: [[[f32; 2]; 3]; 2],
     weight: u8,
 ) -> Option<Vote> {
-    let object_size = math::sqrt(object.width as f32 * object.height as f32);
+    let object_size = math::coarse_sqrt(object.width as f32 * object.height as f32);
     let pose = similarity(view, object_size, from, to)?;
     Some(Vote { pose, model_keygraph: m.keygraph, frame_keygraph, object: view.object, weight })
 }

@@ -106,7 +106,7 @@ impl Keygraph {
         if sides[s] > sides[m] {
             swap(&mut s, &mut m);
         }
-        let px = |d: i64| math::coarse_sqrt(d as f32) / 16.0;
+        let px = |d: i64| math::inline_sqrt(d as f32) / 16.0;
         let shortest = px(sides[s]);
         if shortest < rule.min_side_px {
             return None;

@@ -13,7 +13,7 @@ use crate::base::math::{self, max, min};
 #[must_use]
 pub fn strength(a: f32, b: f32, c: f32) -> f32 {
     let (d, e) = (a - c, 2.0 * b);
-    let v = a + c - math::coarse_sqrt(d * d + e * e);
+    let v = a + c - math::inline_sqrt(d * d + e * e);
     if v > 0.0 { v } else { 0.0 }
 }
 
