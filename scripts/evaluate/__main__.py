@@ -241,17 +241,17 @@ def add_fit(c):
     for name, default, what in (
         ("--posters", 12, "drawn objects beside the given ones"),
         ("--groups", 8, "groups of five look-alikes a family"),
-        ("--trees", 37, "trees"),
+        ("--trees", 48, "trees"),
         ("--bins", 10, "bins of the table"),
     ):
         c.add_argument(name, type=positive, default=default, metavar="N", help=f"{what} [default: {default}]")
     c.add_argument(
         "--bias",
         type=int,
-        default=64,
+        default=66,
         metavar="STEPS",
         help="added to the fitted BIAS: 32 steps multiply the odds by 2.7. More finds more that is hidden, and takes "
-        "more look-alikes for it [default: 64]",
+        "more look-alikes for it [default: 66]",
     )
     c.add_argument(
         "--write", nargs="?", const=BELIEF, metavar="FILE", help="put the trees into core/src/detect/belief.rs, or FILE"

@@ -36,17 +36,22 @@ DIRECTIONS = {
     "inside": 0,
     "votes": 1,
 }
-# What a frame without colour cannot tell: then these are 0.
-OF_COLOUR = ("tint", "strange")
-GRAY = 0.3  # weight of a detection without its colour, beside that with it
+# What a frame without colour cannot tell, and what a picture without colour cannot: then these are 0. The weights of such
+# a detection beside that with its colour.
+GRAY_FRAME = ("tint", "strange"), 0.2
+GRAY_PICTURE = ("tint", "strange", "colour"), 0.1
 
 # A kind weighs as the square root of its detections, times its factor, or 1. Families that show as much as what is half
-# hidden weigh little: nothing can be learnt of them.
+# hidden weigh little: nothing can be learnt of them. So do wrong poses in frames that show the object, of which many are
+# nearly right.
+HIDDEN = dict.fromkeys(("behind a box", "mostly hidden", "behind something", "half hidden"), 30.0)
 FACTORS = {
-    **dict.fromkeys(("behind a box", "mostly hidden", "behind something", "half hidden"), 6.0),
-    **dict.fromkeys(("bent", "crumpled", "real"), 2.0),
-    "members": 4.0,
-    "hidden members": 0.7,
+    **HIDDEN,
+    **dict.fromkeys(("bent", "crumpled"), 2.0),
+    **dict.fromkeys(("members", "real"), 4.0),
+    "blurred": 8.0,
+    "hidden members": 0.2,
+    "elsewhere": 0.1,
     **dict.fromkeys((*MOSTLY_SHARED, "one badge", "one brand", "sequels"), 0.15),
     "maps": 0.5,
 }
@@ -67,8 +72,10 @@ def fit(args, folder):
     if right.all() or not right.any() or len(set(groups)) < FOLDS:
         sys.exit("too few detections to fit to: raise --frames, --groups or --posters")
     weights = weigh(kinds)
-    held = hold_back(x, right, groups, weights, args.trees)
-    score = export(train(x, right, weights, args.trees))
+    # What is hidden and gray, and what is like it and gray, cannot be told apart: it weighs no more than others.
+    gray = weights / np.array([HIDDEN.get(kind, 1.0) for kind in kinds])
+    held = hold_back(x, right, groups, np.stack((weights, gray)), args.trees)
+    score = export(train(x, right, np.stack((weights, gray)), args.trees))
     print(f"{len(x):,} detections, {right.sum():,} right. BIAS as fitted: {score.bias}\n")
     print("Held back from the fit, each kind with its weight, BIAS as fitted:\n")
     print_reliability(list(zip(held(0), right, strict=True)), args.bins, weights)
@@ -109,12 +116,18 @@ def weigh(kinds):
 
 
 def train(x, right, weights, trees):
-    """The model of `trees` trees. What is right and what is wrong weigh as much as each other."""
-    weights = np.where(right, weights * weights[~right].sum() / weights[right].sum(), weights)
-    gray = x.copy()
-    gray[:, [list(DIRECTIONS).index(name) for name in OF_COLOUR]] = 0
-    x, right = np.concatenate([x, gray]), np.concatenate([right, right])
-    weights = np.concatenate([weights, GRAY * weights])
+    """The model of `trees` trees. What is right and what is wrong weigh as much as each other.
+
+    `weights` are two rows: of the detections, and of what they would be of pictures without colour.
+    """
+    weights = np.where(right, weights * weights[0, ~right].sum() / weights[0, right].sum(), weights)
+    sets = [(x, weights[0])]
+    for (names, weight), own in ((GRAY_FRAME, weights[0]), (GRAY_PICTURE, weights[1])):
+        gray = x.copy()
+        gray[:, [list(DIRECTIONS).index(name) for name in names]] = 0
+        sets.append((gray, weight * own))
+    x, weights = (np.concatenate(part) for part in zip(*sets, strict=True))
+    right = np.tile(right, len(sets))
     model = HistGradientBoostingClassifier(
         max_iter=trees,
         max_depth=3,
@@ -132,7 +145,7 @@ def hold_back(x, right, groups, weights, trees):
     """The scores of all detections, each by trees that do not know its group, for a change of BIAS."""
     names = sorted(set(groups))
     fold = np.array([names.index(group) % FOLDS for group in groups])
-    known = [export(train(x[fold != i], right[fold != i], weights[fold != i], trees)) for i in range(FOLDS)]
+    known = [export(train(x[fold != i], right[fold != i], weights[:, fold != i], trees)) for i in range(FOLDS)]
 
     def scores(bias):
         held = np.zeros(len(x))

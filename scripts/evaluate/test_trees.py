@@ -40,7 +40,7 @@ class Export(unittest.TestCase):
 
     def test_integer_trees_score_as_the_model_does(self):
         x, right = self.data()
-        model = fit.train(x, right, np.ones(len(x)), 37)
+        model = fit.train(x, right, np.ones((2, len(x))), 37)
         score = trees.export(model)
         self.assertEqual(len(score.trees), 37)
         off = np.abs(score.score(x) - model.predict_proba(x)[:, 1])
@@ -49,7 +49,7 @@ class Export(unittest.TestCase):
 
     def test_trees_fit_into_bytes(self):
         x, right = self.data()
-        for tree in trees.export(fit.train(x, right, np.ones(len(x)), 10)).trees:
+        for tree in trees.export(fit.train(x, right, np.ones((2, len(x))), 10)).trees:
             self.assertEqual([len(v) for v in (tree.property, tree.limit, tree.leaf)], [7, 7, 8])
             self.assertTrue(all(0 <= p < 16 for p in tree.property) and all(0 <= v <= 255 for v in tree.limit))
             self.assertTrue(all(-127 <= v <= 127 for v in tree.leaf))
@@ -57,7 +57,7 @@ class Export(unittest.TestCase):
     def test_what_is_held_back_is_scored_by_others(self):
         x, right = self.data(600)
         groups = np.array([f"object {i % 7}" for i in range(len(x))])
-        held = fit.hold_back(x, right, groups, np.ones(len(x)), 10)
+        held = fit.hold_back(x, right, groups, np.ones((2, len(x))), 10)
         self.assertGreater(np.mean((held(0) > 0.5) == right), 0.7)
         self.assertTrue((held(32) > held(0)).all())
 

@@ -1,6 +1,6 @@
 """What the score is fitted to: properties of detections in frames whose truth is known.
 
-Objects are rendered in ten conditions, half of the frames with glare, shadows and the like.
+Objects are rendered in eleven conditions, half of the frames with glare, shadows and the like.
 Each is looked for in its frames, and so are two other objects. Members of the families of
 look-alikes are looked for in their own frames, also hidden, and in those of their siblings.
 host/examples/scrutiny.rs searches, and tells the properties.
@@ -29,6 +29,7 @@ CONDITIONS = {
     "far": {**MIXED, "scale": (0.13, 0.3)},
     "near": {**MIXED, "scale": (1.8, 3.2)},
     "dark": {**MIXED, "scale": (0.4, 1.2), "light": (0.05, 0.25)},
+    "blurred": {**MIXED, "scale": (0.4, 1.2), "blur": (2.5, 5.0)},
     "behind a box": {**MIXED, "scale": (0.5, 1.1), "occlusion": (0.25, 0.6)},
     "mostly hidden": {**MIXED, "scale": (0.5, 1.1), "occlusion": (0.45, 0.7)},
     "behind something": {**MIXED, "scale": (0.5, 1.2)},
