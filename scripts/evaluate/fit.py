@@ -36,14 +36,14 @@ DIRECTIONS = {
     "inside": 0,
     "votes": 1,
 }
-# What a frame without colour cannot tell, and what a picture without colour cannot: then these are 0. The weights of such
-# a detection beside that with its colour.
+# What a frame without colour cannot tell, and what a picture without colour cannot: then these are 0. The weight of a
+# detection like that beside the one with its colour.
 GRAY_FRAME = ("tint", "strange"), 0.2
 GRAY_PICTURE = ("tint", "strange", "colour"), 0.1
 
-# A kind weighs as the square root of its detections, times its factor, or 1. Families that show as much as what is half
-# hidden weigh little: nothing can be learnt of them. So do wrong poses in frames that show the object, of which many are
-# nearly right.
+# A kind weighs as the square root of its detections, times its factor, or 1. Families that show as much as what is
+# half hidden weigh little: nothing can be learnt of them. So do wrong poses in frames that show the object, of which
+# many are nearly right.
 HIDDEN = dict.fromkeys(("behind a box", "mostly hidden", "behind something", "half hidden"), 30.0)
 FACTORS = {
     **HIDDEN,
