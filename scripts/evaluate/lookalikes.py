@@ -178,6 +178,8 @@ def deck(ours, own):
     for x, n in ((126, sides), (274, sides), (200, middle)):
         for i in range(n):
             draw_suit(pixels, suit, (x, int(280 + (i - (n - 1) / 2) * 340 / max(n - 1, 1))), size, colour)
+    # The maker's name tells which side is up.
+    write(pixels, ours.words(1)[:12], (150, 536), 0.5, GRAY)
     return pixels
 
 
@@ -234,17 +236,26 @@ def round_corners(mask, radius):
 
 
 def signs(ours, own):
-    """Boards of signs that differ in their colours, and hardly in their brightness."""
+    """Boards of signs that differ in their colours, not in their brightness."""
     pixels, side, light = sheet(480, 720, ours.colour(20, 90)), 480 // ours.number(2, 4), ours.number(80, 150)
     inset = side // ours.number(8, 14)
     for y in range(0, 721 - side, side):
         for x in range(0, 481 - side, side):
-            colour = np.array(own.colour(20, 255))
-            colour = np.clip(colour * light / (colour @ (0.114, 0.587, 0.299)), 0, 255).astype(int).tolist()
-            box(pixels, (x + inset, y + inset), side - 2 * inset, side - 2 * inset, colour)
+            box(pixels, (x + inset, y + inset), side - 2 * inset, side - 2 * inset, colour_of(own, light))
             middle, size = (x + side // 2, y + side // 2), ours.number(side // 8, side // 4)
-            cv2.circle(pixels, middle, size, PALE, (-1, 7)[own.number(0, 1)], cv2.LINE_AA)
+            cv2.circle(pixels, middle, size, PALE, (-1, 7)[ours.number(0, 1)], cv2.LINE_AA)
     return pixels
+
+
+def colour_of(source, luma):
+    """A colour that is as bright as `luma` says."""
+    shares = np.array((0.114, 0.587, 0.299))
+    for _ in range(50):
+        colour = np.array(source.colour(20, 255))
+        colour = colour * luma / (colour @ shares)
+        if colour.max() <= 255:
+            return colour.astype(int).tolist()
+    return [luma] * 3
 
 
 def package(ours, own):

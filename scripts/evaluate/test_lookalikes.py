@@ -61,9 +61,16 @@ class Families(unittest.TestCase):
                 self.assertFalse(same, family)
 
     def test_cards_do_not_look_the_same_upside_down(self):
-        for pixels in self.group("playing cards"):
+        for pixels in self.group("playing cards") + self.group("decks"):
             differ = np.mean(np.abs(np.int32(pixels) - pixels[::-1, ::-1]).max(2) > 30)
-            self.assertGreater(differ, 0.005)
+            self.assertGreater(differ, 0.002)
+
+    def test_signs_differ_in_their_colours_alone(self):
+        first, *others = self.group("signs")
+        for other in others:
+            self.assertGreater(np.mean(np.abs(np.int32(first) - other).max(2) > 30), 0.3)
+            gray = [np.int32(cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY)) for pixels in (first, other)]
+            self.assertLess(np.abs(gray[0] - gray[1]).max(), 6)
 
     def test_no_photograph_is_used_twice(self):
         for n in (FEWEST, 20, 41):

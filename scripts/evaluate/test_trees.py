@@ -26,7 +26,7 @@ import json, sys
 for at, line in enumerate(sys.stdin):
     corners = [[0, 0], [10, 0], [10, 10], [0, 10]]
     for _ in range(2):
-        print(json.dumps({"pair": at, "object": 0, "score": 0.9, "corners": corners, "properties": [at] * 16}))
+        print(json.dumps({"pair": at, "object": 0, "score": 0.9, "corners": corners, "properties": [at] * 12}))
 """
 
 
@@ -51,7 +51,7 @@ class Export(unittest.TestCase):
         x, right = self.data()
         for tree in trees.export(fit.train(x, right, np.ones((2, len(x))), 10)).trees:
             self.assertEqual([len(v) for v in (tree.property, tree.limit, tree.leaf)], [7, 7, 8])
-            self.assertTrue(all(0 <= p < 16 for p in tree.property) and all(0 <= v <= 255 for v in tree.limit))
+            self.assertTrue(all(0 <= p < len(fit.DIRECTIONS) for p in tree.property) and all(0 <= v <= 255 for v in tree.limit))
             self.assertTrue(all(-127 <= v <= 127 for v in tree.leaf))
 
     def test_what_is_held_back_is_scored_by_others(self):
@@ -106,7 +106,7 @@ class Core(unittest.TestCase):
 
     def test_the_properties_are_those_of_the_core(self):
         with open(os.path.join(os.path.dirname(BELIEF), "scrutiny.rs"), encoding="utf-8") as text:
-            names = re.search(r"NAMES: \[&str; PROPERTIES\] = \[(.*?)\];", text.read(), re.DOTALL)[1]
+            names = re.search(r"NAMES: \[&str; PROPERTIES\] =\s*\[(.*?)\];", text.read(), re.DOTALL)[1]
         self.assertEqual(re.findall(r'"(\w+)"', names), list(fit.DIRECTIONS))
 
     def test_every_factor_is_of_a_kind(self):

@@ -1,6 +1,6 @@
 """What the score is fitted to: properties of detections in frames whose truth is known.
 
-Objects are rendered in eleven conditions, half of the frames with glare, shadows and the like.
+Objects are rendered in eleven conditions, half of the frames of most with glare, shadows and the like.
 Each is looked for in its frames, and so are two other objects. Members of the families of
 look-alikes are looked for in their own frames, also hidden, and in those of their siblings.
 host/examples/scrutiny.rs searches, and tells the properties.
@@ -74,7 +74,7 @@ class Samples:
         seen = set()
         for told in map(json.loads, run.stdout.splitlines()):
             # A search may come to a pose more than once.
-            pose = (told["pair"], *told["properties"])
+            pose = (told["pair"], told["object"], *itertools.chain(*told["corners"]))
             if pose in seen:
                 continue
             seen.add(pose)

@@ -17,9 +17,10 @@ use crate::base::pace::Pace;
 use crate::base::sort::sort;
 use crate::detect::light::{BLOCKS, Moments, agreement};
 use crate::detect::overlay::{Columns, Overlay, block_ranges, every, number};
+use crate::detect::tint::Tint;
 use crate::detect::verify::{CHROMA_NOISE, Products};
 use crate::image::pixels::NO_CHROMA;
-use crate::image::plane::{Plane, nearest};
+use crate::image::plane::Plane;
 use crate::image::pyramid::{PyramidView, into_level, out_of_level};
 use crate::model::parse::{Object, Template};
 
@@ -303,20 +304,13 @@ pub(crate) fn support(
 }
 
 fn chroma_correlation(view: &PyramidView<'_>, template: &Template<'_>, h: &Homography, level: usize) -> f32 {
-    let (cw, ch) = (template.width / 2, template.height / 2);
-    let planes = view.chroma(level.min(LEVELS - 1));
-    let source = template.chroma(0);
-    // Chroma px are twice as large in template and frame, so the same level fits.
-    let to = into_level(level + 1).after(&h.after(&Homography::affine([2.0, 0.0, 0.5, 0.0, 2.0, 0.5])));
+    let tint = Tint::new(view, template, h, level);
     let mut sums = Products::default();
     // Every second pixel is enough for this correlation.
-    for y in (0..ch).step_by(2) {
-        for x in (0..cw).step_by(2) {
-            let [u, v] = to.apply([x as f32, y as f32]);
-            let inside = u >= 0.0 && v >= 0.0 && u < planes[0].width() as f32 && v < planes[0].height() as f32;
-            let t = source.map(|c| c.row(y)[x].cast_signed());
-            let f = nearest(planes, math::round(u), math::round(v));
-            if inside && t[0] != NO_CHROMA && f[0] != NO_CHROMA {
+    for y in (0..template.height / 2).step_by(2) {
+        for x in (0..template.width / 2).step_by(2) {
+            let [t, f] = tint.at([x, y]);
+            if t[0] != NO_CHROMA && f[0] != NO_CHROMA {
                 sums.add_pair(t.map(i32::from), f.map(i32::from));
             }
         }

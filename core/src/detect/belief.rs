@@ -41,12 +41,12 @@ impl Tree {
 /// Number of steps of a leaf in one unit of log-odds.
 const STEPS: f32 = 32.0;
 
-/// Log-odds without any tree, in steps.
+/// Log-odds without any tree, in steps: as fitted, and 66 more, so that half-hidden objects are found.
 const BIAS: i32 = 64;
 
 const _: () = assert!(PROPERTIES <= 16, "a property has four bits in a tree");
 
-// docs/decisions/0014-look-alikes.md says on what they were fitted.
+// docs/decisions/0023-small-cells.md says on what they were fitted.
 #[rustfmt::skip]
 const TREES: [Tree; 48] = [
     Tree::new([11, 3, 3, 5, 7, 5, 0], [121, 94, 86, 84, 225, 81, 65], [-5, 1, -8, -5, 4, 7, 1, 1]),
@@ -99,9 +99,16 @@ const TREES: [Tree; 48] = [
     Tree::new([11, 8, 6, 2, 10, 9, 10], [175, 8, 228, 7, 244, 201, 173], [-1, -3, -2, 0, 1, 1, 1, 3]),
 ];
 
-/// Estimates the probability that a pose is right.
+/// Agreement of the cells below which nothing is believed, of 255. Right poses of objects of which half is hidden had
+/// 41 and more in 409 of 411 frames. Below it the trees have seen next to nothing.
+const LEAST_AGREEMENT: u8 = 32;
+
+/// Estimates the probability that a pose is right; 0 when hardly anything agrees.
 #[inline(never)]
 pub(crate) fn believe(s: &Scrutiny) -> f32 {
+    if s.0[0] < LEAST_AGREEMENT {
+        return 0.0;
+    }
     let sum = TREES.iter().fold(BIAS, |sum, tree| {
         let mut node = 0;
         while node < 7 {
@@ -128,18 +135,23 @@ mod tests {
         assert!(whole > 0.95 && scattered < 0.8, "{whole} {scattered}");
     }
 
+    /// The scores for each value of a property, while the others stay.
+    fn scores(name: &str, start: [u8; PROPERTIES]) -> std::vec::Vec<f32> {
+        let i = NAMES.iter().position(|&n| n == name).unwrap();
+        let at = |v| core::array::from_fn(|k| if k == i { v } else { start[k] });
+        (0..=255).map(|v| believe(&Scrutiny(at(v)))).collect()
+    }
+
     #[test]
-    fn more_agreement_is_never_believed_less() {
-        for name in ["agree", "clump", "votes"] {
-            let i = NAMES.iter().position(|&n| n == name).unwrap();
-            for start in [WHOLE, SCATTERED] {
-                let scores = (0..=255).map(|v| {
-                    let mut s = start;
-                    s[i] = v;
-                    believe(&Scrutiny(s))
-                });
-                assert!(scores.is_sorted(), "{name}");
+    fn more_agreement_is_never_believed_less_and_more_doubt_never_more() {
+        for start in [WHOLE, SCATTERED] {
+            for name in ["agree", "clump", "votes"] {
+                assert!(scores(name, start).is_sorted(), "{name}");
+            }
+            for name in ["mid", "tint"] {
+                assert!(scores(name, start).iter().rev().is_sorted(), "{name}");
             }
         }
+        assert_eq!(scores("agree", WHOLE)[31], 0.0, "hardly anything agrees");
     }
 }

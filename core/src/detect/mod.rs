@@ -11,6 +11,7 @@ pub mod hough;
 pub mod pose;
 pub mod light;
 pub mod overlay;
+pub mod tint;
 pub mod appearance;
 pub mod align;
 pub mod detection;

@@ -49,8 +49,8 @@ pub(crate) fn trace(view: &PyramidView<'_>, o: &Object<'_>, d: &Detection, pace:
         let [x, y] = cell_at(i);
         // The ends of the piece among the corners of its cell. The outline lies half a pixel outside of the middles of
         // the outer pixels.
-        let corner = |i: usize| {
-            let [u, v] = [i == 1 || i == 2, i >= 2].map(usize::from);
+        let corner = |n: usize| {
+            let [u, v] = [n == 1 || n == 2, n >= 2].map(usize::from);
             d.homography.apply([(x + u) as f32 * scale[0] - 0.5, (y + v) as f32 * scale[1] - 0.5])
         };
         let (from, to) = (corner(i / SIDE), corner((i / SIDE + 1) % 4));

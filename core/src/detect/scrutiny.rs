@@ -62,10 +62,6 @@ const PLAIN: f32 = 0.99;
 /// ones had 0.75 and more; wrong ones, which lie over smooth ground with a few strong lines, up to 0.62.
 const LEAST_OF_PART: f32 = 0.65;
 
-/// Least agreement of the cells of an object that is not wholly hidden, of 255. Objects of which half is hidden had 41
-/// and more in all but 2 of 411 frames. The fit knows nothing below.
-const LEAST_AGREEMENT: u8 = 32;
-
 /// Number of blocks of a whole object.
 const BLOCKS_OF_ALL: f32 = (BLOCKS * BLOCKS) as f32;
 
@@ -279,8 +275,7 @@ fn properties(mosaic: &Mosaic, pieces: &Pieces) -> [u8; OF_CELLS] {
 }
 
 /// Scrutinises a detection. An object that is seen plainly, [`Appearance::visible`], is not looked
-/// at again. `None` when hardly anything agrees, and for an object that lies mostly outside the frame when too little
-/// agrees of what lies inside.
+/// at again. `None` for one that lies mostly outside the frame when too little agrees of what lies inside.
 ///
 /// [`Appearance::visible`]: crate::Appearance::visible
 #[inline(never)]
@@ -295,9 +290,6 @@ pub fn scrutinise(view: &PyramidView<'_>, model: &Model<'_>, d: &Detection, pace
             return None;
         }
         cells.copy_from_slice(&properties(&lay(view, &o, d, pace), &trace(view, &o, d, pace)));
-        if cells[0] < LEAST_AGREEMENT {
-            return None;
-        }
     }
     others[0] = share(f32::from(d.appearance.inside) / BLOCKS_OF_ALL);
     others[1] = share(math::ln(1.0 + f32::from(d.votes)) * 40.0 / 255.0);

@@ -402,12 +402,10 @@ impl Search<'_, '_> {
                 weigh(&self.scene, self.votes, model, &mut d, self.context.laps);
                 if d.score >= bar.impression && d.appearance.visible >= visible {
                     let seen = scrutinise(&self.scene.pyramid, model, &d, self.context.laps);
-                    d.score = seen.as_ref().map_or(0.0, believe);
-                    if let Some(seen) = &seen {
-                        self.context.laps.end(self.context.tally, Output::Scrutinised(&d, seen));
-                    }
                     // What has not been looked at whole is not believed.
-                    if !self.context.laps.stopped {
+                    if let Some(seen) = seen.filter(|_| !self.context.laps.stopped) {
+                        d.score = believe(&seen);
+                        self.context.laps.end(self.context.tally, Output::Scrutinised(&d, &seen));
                         self.accept(&d, bar.score);
                     }
                 }
