@@ -10,7 +10,7 @@
 //! gives lines as this one, here with the first two of the properties:
 //!
 //! ```json
-//! {"pair": 0, "object": 0, "score": 0.97, "corners": [[0, 0], [9, 0], [9, 9], [0, 9]], "properties": [255, 240]}
+//! {"pair": 0, "object": 0, "score": 0.97, "corners": [[0, 0], [9, 0], [9, 9], [0, 9]], "properties": [255, 0]}
 //! ```
 //!
 //! `pair` is the number of the line of input, from 0. `corners` are px of the frame. `properties` have

@@ -40,10 +40,12 @@ DIRECTIONS = {
 # detection like that beside the one with its colour.
 GRAY_FRAME = ("tint", "strange"), 0.2
 GRAY_PICTURE = ("tint", "strange", "colour"), 0.1
+# The core says so of what is seen plainly, in colour or not.
+PLAIN = (255, 0, 0, 13, 0, 128, 255, 0, 0, 191)
 
-# A kind weighs as the square root of its detections, times its factor, or 1. Families that show as much as what is
-# half hidden weigh little: nothing can be learnt of them. So do wrong poses in frames that show the object, of which
-# many are nearly right.
+# A kind weighs as the square root of its detections, times its factor, or 1. Families of which a third is shared and
+# more show as much as what is half hidden, and weigh little: nothing can be learnt of them. So do wrong poses in frames
+# that show the object, of which many are nearly right. Heavy blur and real frames are rare here, and must be found.
 HIDDEN = dict.fromkeys(("behind a box", "mostly hidden", "behind something", "half hidden"), 30.0)
 FACTORS = {
     **HIDDEN,
@@ -116,18 +118,19 @@ def weigh(kinds):
 
 
 def train(x, right, weights, trees):
-    """The model of `trees` trees. What is right and what is wrong weigh as much as each other.
+    """The model of `trees` trees.
 
-    `weights` are two rows: of the detections, and of what they would be of pictures without colour.
+    `weights` are two rows: of the detections, and of what they would be of pictures without colour. What is right and
+    what is wrong in the first row weigh as much as each other.
     """
     weights = np.where(right, weights * weights[0, ~right].sum() / weights[0, right].sum(), weights)
-    sets = [(x, weights[0])]
+    closely = (x[:, : len(PLAIN)] != PLAIN).any(1)
+    sets = [(x, right, weights[0])]
     for (names, weight), own in ((GRAY_FRAME, weights[0]), (GRAY_PICTURE, weights[1])):
-        gray = x.copy()
+        gray = x[closely]
         gray[:, [list(DIRECTIONS).index(name) for name in names]] = 0
-        sets.append((gray, weight * own))
-    x, weights = (np.concatenate(part) for part in zip(*sets, strict=True))
-    right = np.tile(right, len(sets))
+        sets.append((gray, right[closely], weight * own[closely]))
+    x, right, weights = (np.concatenate(part) for part in zip(*sets, strict=True))
     model = HistGradientBoostingClassifier(
         max_iter=trees,
         max_depth=3,

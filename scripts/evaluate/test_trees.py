@@ -51,8 +51,22 @@ class Export(unittest.TestCase):
         x, right = self.data()
         for tree in trees.export(fit.train(x, right, np.ones((2, len(x))), 10)).trees:
             self.assertEqual([len(v) for v in (tree.property, tree.limit, tree.leaf)], [7, 7, 8])
-            self.assertTrue(all(0 <= p < len(fit.DIRECTIONS) for p in tree.property) and all(0 <= v <= 255 for v in tree.limit))
+            self.assertTrue(
+                all(0 <= p < len(fit.DIRECTIONS) for p in tree.property) and all(0 <= v <= 255 for v in tree.limit)
+            )
             self.assertTrue(all(-127 <= v <= 127 for v in tree.leaf))
+
+    def test_what_a_gray_picture_does_not_tell_is_learnt_from_copies(self):
+        # What is right is told by its colour alone; nothing weighs but the copies of gray pictures.
+        x, right = self.data()
+        colour = list(fit.DIRECTIONS).index("colour")
+        x[:, colour] = np.where(right, 200, 50)
+        model = fit.train(x, right, np.stack((np.ones(len(x)), np.full(len(x), 100.0))), 20)
+        gray = x.copy()
+        gray[:, [list(fit.DIRECTIONS).index(name) for name in fit.GRAY_PICTURE[0]]] = 0
+        told = trees.export(model).score(gray)
+        self.assertGreater(told[right].mean(), 0.7)
+        self.assertLess(told[~right].mean(), 0.3)
 
     def test_what_is_held_back_is_scored_by_others(self):
         x, right = self.data(600)
@@ -105,9 +119,12 @@ class Core(unittest.TestCase):
             trees.write(Trees(0, []), self.path)
 
     def test_the_properties_are_those_of_the_core(self):
-        with open(os.path.join(os.path.dirname(BELIEF), "scrutiny.rs"), encoding="utf-8") as text:
-            names = re.search(r"NAMES: \[&str; PROPERTIES\] =\s*\[(.*?)\];", text.read(), re.DOTALL)[1]
+        with open(os.path.join(os.path.dirname(BELIEF), "scrutiny.rs"), encoding="utf-8") as file:
+            text = file.read()
+        names = re.search(r"NAMES: \[&str; PROPERTIES\] =\s*\[(.*?)\];", text, re.DOTALL)[1]
         self.assertEqual(re.findall(r'"(\w+)"', names), list(fit.DIRECTIONS))
+        plain = re.search(r"PLAIN_CELLS: \[u8; OF_CELLS\] = \[(.*?)\];", text)[1]
+        self.assertEqual(tuple(map(int, plain.split(","))), fit.PLAIN)
 
     def test_every_factor_is_of_a_kind(self):
         kinds = {*training.CONDITIONS, *fit.FAMILIES, "members", "hidden members", "real", "unlike", "elsewhere"}

@@ -4,8 +4,8 @@
 //! additions, multiplications and divisions.
 //!
 //! `micromath` is used for [`coarse_atan2`] only. Its error there (at most 0.0028 rad) is far finer
-//! than the bin that the result falls into. Everything that ends in a coordinate goes through
-//! `libm`. `docs/decisions/0002-float-math.md` gives the reasons and the figures.
+//! than the bin that the result falls into. `libm` gives [`sqrt`] and [`atan`], which a search does not
+//! call; the other functions are ours. `docs/decisions/0002-float-math.md` gives the reasons and the figures.
 
 use micromath::F32Ext;
 
@@ -58,10 +58,10 @@ pub fn ln(x: f32) -> f32 {
 }
 
 /// Returns the base-2 logarithm of a number above 1e-37, with an error below 2e-7 of the result or of 1,
-/// whichever is more. Powers of two are exact.
+/// whichever is more. Powers of two are exact. For 0, a negative number and NaN the result is some number.
 ///
-/// The function takes the exponent apart, and sums the first terms of the series of the rest. The library's
-/// function takes twice the flash.
+/// The function takes the exponent apart, and sums the first terms of the series of the rest. It takes 128 bytes of a
+/// board's flash, the library's takes 308.
 #[inline(never)]
 #[must_use]
 pub fn log2(x: f32) -> f32 {
@@ -78,8 +78,8 @@ pub fn log2(x: f32) -> f32 {
 /// Returns `e` to the power `x`, with a relative error below 4e-7. Below -87 and above 88 the result is that of
 /// the limit.
 ///
-/// The function takes whole powers of two apart, and sums the first terms of the series. The library's function
-/// takes three times the flash.
+/// The function takes whole powers of two apart, and sums the first terms of the series. It takes 208 bytes of a
+/// board's flash, the library's takes 460.
 #[inline(never)]
 #[must_use]
 pub fn exp(x: f32) -> f32 {

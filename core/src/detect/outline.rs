@@ -4,7 +4,7 @@
 //! stands out. What covers a part of an object covers the outline there as well. A look-alike that differs in that part
 //! shows its outline.
 //!
-//! Memory: 200 bytes. Cost: 19 samples along each of 288 lines across the outline.
+//! Memory: 270 bytes. Cost: 19 samples along each of 288 lines across the outline.
 
 use crate::base::geometry::area;
 use crate::base::math;

@@ -5,7 +5,8 @@
 //! region, brings its own light and colour, and hides the outline; beside it all agrees. A look-alike
 //! agrees and disagrees here and there, also in light and colour, and shows its outline.
 //!
-//! Memory: about 2.5 KB of stack. Cost: that of `mosaic` and of `outline`.
+//! Memory: about 2.7 KB of stack, and that of `overlay` while the mosaic is laid. Cost: that of `mosaic` and of
+//! `outline`.
 
 use crate::base::math;
 use crate::base::pace::Pace;
@@ -26,7 +27,20 @@ pub const PROPERTIES: usize = 12;
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Scrutiny(pub [u8; PROPERTIES]);
 
-/// Names of the properties, in their order.
+/// Names of the properties, in their order. 255 stands for the number in brackets.
+///
+/// - `agree`: mean agreement of the textured cells (1).
+/// - `mid`: share of them that neither agree nor disagree (1).
+/// - `foreign`: how far the light of those that disagree is from the expected one, in spreads of the picture (2).
+/// - `tint`: how far the chroma of cells that agree is from the expected one, in its spreads (2); 0 in a gray frame.
+/// - `strange`: the same of cells that disagree (4).
+/// - `colour`: spread of the picture's chroma (64 steps); 0 for a gray picture.
+/// - `clump`: how much the neighbours of cells that agree do, too (1).
+/// - `dis`: how much the neighbours of cells that disagree do, too (1).
+/// - `hidden`: share of the pieces of the outline beside cells that disagree (1).
+/// - `edge`: how far the outline stands out beside cells that agree (-1 to 6 spreads).
+/// - `inside`: share of the object that lies in the frame (1).
+/// - `votes`: 40 times the natural logarithm of 1 and the votes.
 pub const NAMES: [&str; PROPERTIES] =
     ["agree", "mid", "foreign", "tint", "strange", "colour", "clump", "dis", "hidden", "edge", "inside", "votes"];
 
@@ -39,6 +53,17 @@ const PLAIN_CELLS: [u8; OF_CELLS] = [255, 0, 0, 13, 0, 128, 255, 0, 0, 191];
 /// Correlation above which a cell agrees, and below which it disagrees.
 const GOOD: f32 = 0.7;
 const OFF: f32 = 0.4;
+
+/// Agreement of a cell below which the outline beside it seems hidden, and above which it is looked at.
+const COVERED: f32 = 0.125;
+const BARE: f32 = 0.75;
+
+/// Spread of a flat cell of the template, and of the noise of the frame, gray levels.
+const FLAT: f32 = 6.0;
+const NOISE: f32 = 4.0;
+
+/// Least spread of a picture, gray levels.
+const LEAST_SPREAD: f32 = 2.0;
 
 /// Maximum difference of the mean brightness of a flat cell that agrees, in spreads of the picture.
 const LIT: f32 = 0.25;
@@ -196,7 +221,7 @@ impl Light {
         let [a, b, whole] = all.map(|pairs| pairs.moments()[2]);
         let colour = math::coarse_sqrt(a + b);
         let shown = 0.5 * (chroma[0].gain + chroma[1].gain) * colour + CHROMA_NOISE;
-        Self { spread: luma.gain * math::coarse_sqrt(own.or(0.0) + whole) + 2.0, luma, chroma, colour, shown }
+        Self { spread: luma.gain * math::coarse_sqrt(own.or(0.0) + whole) + LEAST_SPREAD, luma, chroma, colour, shown }
     }
 
     /// How far the mean brightness of a cell is from the expected one, in spreads of the picture.
@@ -216,7 +241,7 @@ impl Light {
     /// expectation is less sure the more its brightness differs from that of the cells that agree.
     #[inline(never)]
     fn agreement(&self, cell: &Cell) -> f32 {
-        let flat = f32::from(cell.spread[1]) < 6.0 * self.luma.gain + 4.0;
+        let flat = f32::from(cell.spread[1]) < FLAT * self.luma.gain + NOISE;
         let unsure = UNSURE * self.luma.gain * (f32::from(cell.mean[0]) - self.luma.middle).abs() / self.spread;
         let even = flat && self.off(cell) < LIT + unsure;
         if cell.is_textured { ((cell.value() - 0.3) / 0.4).clamp(0.0, 1.0) } else { number(even) }
@@ -256,8 +281,8 @@ fn properties(mosaic: &Mosaic, pieces: &Pieces) -> [u8; OF_CELLS] {
         let [x, y] = cell_at(i);
         let (cell, a) = (&mosaic[y * SIDE + x], agreement[y * SIDE + x]);
         if cell.is_seen && !step.is_nan() {
-            hidden += number(a < 0.125);
-            edge.add(step.clamp(-1.0, 6.0), number(a > 0.75));
+            hidden += number(a < COVERED);
+            edge.add(step.clamp(-1.0, 6.0), number(a > BARE));
         }
     }
     [
