@@ -80,8 +80,10 @@ const LEAST_GAIN: f32 = 0.05;
 /// Spread of the noise of chroma in a cell, steps.
 const CHROMA_NOISE: f32 = 6.0;
 
-/// Share of an object from which on it counts as seen plainly.
+/// Share of an object from which on it counts as seen plainly, when its colours are its own or nothing is known of them:
+/// the correlation of chroma from which on they are.
 const PLAIN: f32 = 0.99;
+const OWN_COLOURS: f32 = 0.75;
 
 /// Minimum share that must agree of what lies in the frame, of an object that lies mostly outside. Right
 /// ones had 0.75 and more; wrong ones, which lie over smooth ground with a few strong lines, up to 0.62.
@@ -299,8 +301,8 @@ fn properties(mosaic: &Mosaic, pieces: &Pieces) -> [u8; OF_CELLS] {
     ]
 }
 
-/// Scrutinises a detection. An object that is seen plainly, [`Appearance::visible`], is not looked
-/// at again. `None` for one that lies mostly outside the frame when too little agrees of what lies inside.
+/// Scrutinises a detection. An object that is seen plainly, [`Appearance::visible`], and in its own colours is not
+/// looked at again. `None` for one that lies mostly outside the frame when too little agrees of what lies inside.
 ///
 /// [`Appearance::visible`]: crate::Appearance::visible
 #[inline(never)]
@@ -309,9 +311,10 @@ pub fn scrutinise(view: &PyramidView<'_>, model: &Model<'_>, d: &Detection, pace
     let mut values = [0; PROPERTIES];
     let (cells, others) = values.split_at_mut(OF_CELLS);
     cells.copy_from_slice(&PLAIN_CELLS);
-    if d.appearance.visible < PLAIN {
+    let a = &d.appearance;
+    if a.visible < PLAIN || (a.chroma != 0.0 && a.chroma < OWN_COLOURS) {
         let o = model.object(usize::from(d.object));
-        if d.appearance.visible < LEAST_OF_PART && is_part(view, &o, &d.homography) {
+        if a.visible < LEAST_OF_PART && is_part(view, &o, &d.homography) {
             return None;
         }
         cells.copy_from_slice(&properties(&lay(view, &o, d, pace), &trace(view, &o, d, pace)));
