@@ -38,22 +38,23 @@ DIRECTIONS = {
 }
 # What a frame without colour cannot tell, and what a picture without colour cannot: then these are 0. The weight of a
 # detection like that beside the one with its colour.
-GRAY_FRAME = ("tint", "strange"), 0.2
-GRAY_PICTURE = ("tint", "strange", "colour"), 0.2
+GRAY_FRAME = ("tint", "strange"), 0.3
+GRAY_PICTURE = ("tint", "strange", "colour"), 0.1
 # The core says so of what is seen plainly, in colour or not.
 PLAIN = (255, 0, 0, 13, 0, 128, 255, 0, 0, 191)
 
 # A kind weighs as the square root of its detections, times its factor, or 1. Families of which a third is shared and
 # more show as much as what is half hidden, and weigh little: nothing can be learnt of them. So do wrong poses in frames
 # that show the object, of which many are nearly right. Heavy blur and real frames are rare here, and must be found.
-HIDDEN = {**dict.fromkeys(("behind a box", "mostly hidden", "behind something"), 30.0), "half hidden": 40.0}
+HIDDEN = dict.fromkeys(("behind a box", "mostly hidden", "behind something", "half hidden"), 30.0)
 FACTORS = {
     **HIDDEN,
     **dict.fromkeys(("bent", "crumpled"), 2.0),
     **dict.fromkeys(("icons", "apps"), 1.5),
-    "members": 4.0,
+    "QR codes": 2.0,
+    "members": 3.0,
     "real": 6.0,
-    "blurred": 8.0,
+    "blurred": 16.0,
     "hidden members": 0.2,
     "elsewhere": 0.1,
     **dict.fromkeys((*MOSTLY_SHARED, "one brand", "sequels"), 0.15),
