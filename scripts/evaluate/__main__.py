@@ -248,10 +248,10 @@ def add_fit(c):
     c.add_argument(
         "--bias",
         type=int,
-        default=68,
+        default=72,
         metavar="STEPS",
         help="added to the fitted BIAS: 32 steps multiply the odds by 2.7. More finds more that is hidden, and takes "
-        "more look-alikes for it [default: 68]",
+        "more look-alikes for it [default: 72]",
     )
     c.add_argument(
         "--write", nargs="?", const=BELIEF, metavar="FILE", help="put the trees into core/src/detect/belief.rs, or FILE"

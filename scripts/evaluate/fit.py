@@ -53,7 +53,7 @@ FACTORS = {
     **dict.fromkeys(("icons", "apps"), 1.5),
     "QR codes": 2.0,
     "members": 3.0,
-    "real": 6.0,
+    "real": 8.0,
     "blurred": 16.0,
     "hidden members": 0.2,
     "elsewhere": 0.1,
