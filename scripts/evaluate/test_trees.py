@@ -158,7 +158,7 @@ class Labels(unittest.TestCase):
         self.assertIn("| icons | 1 | 100.0 | 0.0 |", out.getvalue())
 
     def test_kinds_weigh_as_the_roots_of_their_numbers(self):
-        weights = fit.weigh(np.array(["plain"] * 4 + ["icons"]))
+        weights = fit.weigh(np.array(["plain"] * 4 + ["pages of print"]))
         self.assertTrue(np.allclose(weights, [0.5] * 4 + [1]))
 
 
