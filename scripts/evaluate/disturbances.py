@@ -81,6 +81,31 @@ def crumple(rng, pixels, ground):
     return lay(np.uint8(np.clip(FULL * mixed, 0, FULL)), ground, back)
 
 
+def wear(rng, pixels, ground):
+    """An old print, paler than the picture: folded, stained, with numbers of its own, and crumpled."""
+    h, w = pixels.shape[:2]
+    worn = pixels / FULL
+    gray = worn.mean(2, keepdims=True)
+    worn = gray + rng.uniform(0.2, 1) * (worn - gray)
+    worn = 1 - rng.uniform(0.5, 1) * (1 - worn)
+    for _ in range(rng.integers(4)):
+        # A number or a word that differs from print to print: a piece of the picture from elsewhere on it.
+        piece = np.int32(rng.uniform(0.05, 0.25, 2) * (h, w))
+        (to_y, to_x), (y, x) = (rng.integers((h, w) - piece, size=(2, 2))).tolist()
+        worn[to_y : to_y + piece[0], to_x : to_x + piece[1]] = worn[y : y + piece[0], x : x + piece[1]].copy()
+    y, x = np.mgrid[:h, :w].astype(np.float32)
+    for _ in range(rng.integers(1, 4)):
+        # A fold: the halves catch the light differently, and the paper has lost its print along it.
+        angle = rng.integers(2) * np.pi / 2 + rng.normal(0, 0.1)
+        far = (x - rng.uniform(0.2, 0.8) * w) * np.cos(angle) + (y - rng.uniform(0.2, 0.8) * h) * np.sin(angle)
+        worn *= np.where(far > 0, rng.uniform(0.7, 1), 1)[..., None]
+        lost = rng.uniform(0, 0.8) * np.exp(-((far / (rng.uniform(0.002, 0.01) * max(w, h))) ** 2))[..., None]
+        worn = worn * (1 - lost) + rng.uniform(0.4, 1) * lost
+    n = int(rng.integers(6, 20))
+    stains = cv2.resize(rng.normal(0, rng.uniform(0, 0.1), (n, n)), (w, h), interpolation=cv2.INTER_CUBIC)
+    return crumple(rng, np.uint8(np.clip(FULL * (worn + stains[..., None]), 0, FULL)), ground)
+
+
 # ------------------------------------------------------------------ frames
 
 

@@ -39,21 +39,26 @@ DIRECTIONS = {
 # What a frame without colour cannot tell, and what a picture without colour cannot: then these are 0. The weight of a
 # detection like that beside the one with its colour.
 GRAY_FRAME = ("tint", "strange"), 0.3
-GRAY_PICTURE = ("tint", "strange", "colour"), 0.1
+GRAY_PICTURE = ("tint", "strange", "colour"), 0.05
+# Few objects of the fit are pale, and many in the world: each detection counts again with a `colour` drawn from this
+# range, where it is less than its own, at this weight. Paler still are maps, and what is half hidden is like them.
+PALE = (35, 90), 1.5
 # The core says so of what is seen plainly, in colour or not.
 PLAIN = (255, 0, 0, 13, 0, 128, 255, 0, 0, 191)
 
 # A kind weighs as the square root of its detections, times its factor, or 1. Families of which a third is shared and
 # more show as much as what is half hidden, and weigh little: nothing can be learnt of them. So do wrong poses in frames
-# that show the object, of which many are nearly right. Heavy blur and real frames are rare here, and must be found.
-HIDDEN = dict.fromkeys(("behind a box", "mostly hidden", "behind something", "half hidden"), 30.0)
+# that show the object, of which many are nearly right. Heavy blur, worn prints and real frames are rare here, and
+# must be found.
+HIDDEN = dict.fromkeys(("behind a box", "mostly hidden", "behind something", "half hidden"), 36.0)
 FACTORS = {
     **HIDDEN,
     **dict.fromkeys(("bent", "crumpled"), 2.0),
     **dict.fromkeys(("icons", "apps"), 1.5),
-    "QR codes": 2.0,
-    "members": 3.0,
-    "real": 8.0,
+    **dict.fromkeys(("playing cards", "pages of print"), 1.5),
+    **dict.fromkeys(("QR codes", "members"), 3.0),
+    "real": 10.0,
+    "worn": 12.0,
     "blurred": 16.0,
     "hidden members": 0.2,
     "elsewhere": 0.1,
@@ -133,6 +138,10 @@ def train(x, right, weights, trees):
         gray = x[closely]
         gray[:, [list(DIRECTIONS).index(name) for name in names]] = 0
         sets.append((gray, right[closely], weight * own[closely]))
+    drawn, weight = PALE
+    pale, colour = x[closely], list(DIRECTIONS).index("colour")
+    pale[:, colour] = np.minimum(pale[:, colour], np.random.default_rng(1).integers(*drawn, len(pale)))
+    sets.append((pale, right[closely], weight * weights[0][closely]))
     x, right, weights = (np.concatenate(part) for part in zip(*sets, strict=True))
     model = HistGradientBoostingClassifier(
         max_iter=trees,

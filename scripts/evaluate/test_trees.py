@@ -68,6 +68,17 @@ class Export(unittest.TestCase):
         self.assertGreater(told[right].mean(), 0.7)
         self.assertLess(told[~right].mean(), 0.3)
 
+    def test_a_paler_picture_is_believed_as_well(self):
+        # All that is right has bright colours, and so has nothing that is wrong. `mid` tells them apart as well.
+        x, right = self.data()
+        colour = list(fit.DIRECTIONS).index("colour")
+        x[:, colour] = np.where(right, 200, 0)
+        pale = x.copy()
+        pale[right, colour] = 60
+        told = trees.export(fit.train(x, right, np.ones((2, len(x))), 20)).score(pale)
+        self.assertGreater(told[right].mean(), 0.7)
+        self.assertLess(told[~right].mean(), 0.3)
+
     def test_what_is_held_back_is_scored_by_others(self):
         x, right = self.data(600)
         groups = np.array([f"object {i % 7}" for i in range(len(x))])
@@ -158,7 +169,7 @@ class Labels(unittest.TestCase):
         self.assertIn("| icons | 1 | 100.0 | 0.0 |", out.getvalue())
 
     def test_kinds_weigh_as_the_roots_of_their_numbers(self):
-        weights = fit.weigh(np.array(["plain"] * 4 + ["pages of print"]))
+        weights = fit.weigh(np.array(["plain"] * 4 + ["far"]))
         self.assertTrue(np.allclose(weights, [0.5] * 4 + [1]))
 
 

@@ -1,6 +1,6 @@
 """What the score is fitted to: properties of detections in frames whose truth is known.
 
-Objects are rendered in eleven conditions, half of the frames of most with glare, shadows and the like.
+Objects are rendered in twelve conditions, half of the frames of most with glare, shadows and the like.
 Each is looked for in its frames, and so are two other objects. Members of the families of
 look-alikes are looked for in their own frames, also hidden, and in those of their siblings.
 host/examples/scrutiny.rs searches, and tells the properties.
@@ -36,7 +36,9 @@ CONDITIONS = {
     "half hidden": {"scale": (0.5, 1.1), "tilt": (0.0, 20.0), "light": (0.6, 1.3), "noise": (3.0, 5.0)},
     "bent": {**MIXED, "scale": (0.6, 1.4)},
     "crumpled": {**MIXED, "scale": (0.5, 1.4)},
+    "worn": {**MIXED, "scale": (0.5, 1.4)},
 }
+NOT_FLAT = {"bent": disturbances.bend, "crumpled": disturbances.crumple, "worn": disturbances.wear}
 MEMBER = {"scale": (0.5, 1.1), "tilt": (0.0, 25.0), "light": (0.4, 1.25), "noise": (1.0, 5.0), "cast": (0.0, 0.1)}
 STRANGERS = 2  # other objects that are looked for in the frames of an object
 
@@ -152,9 +154,9 @@ class Set:
 def shoot(studio, rng, picture, condition, n):
     """A frame of an object in one condition, and the object's outline in it."""
     other = studio.backgrounds[rng.integers(len(studio.backgrounds))]
-    if condition in ("bent", "crumpled"):
-        change = disturbances.bend if condition == "bent" else disturbances.crumple
-        frame, quad = shoot_print(studio, change(rng, picture.pixels, other.pixels), picture, condition, n)
+    if condition in NOT_FLAT:
+        flat = NOT_FLAT[condition](rng, picture.pixels, other.pixels)
+        frame, quad = shoot_print(studio, flat, picture, condition, n)
     else:
         frame = studio.shoot(picture, CONDITIONS[condition], condition, n)
         quad = frame.quads[picture.digest]
