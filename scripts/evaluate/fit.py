@@ -58,11 +58,11 @@ FACTORS = {
     **dict.fromkeys(("playing cards", "pages of print"), 1.5),
     **dict.fromkeys(("QR codes", "members"), 3.0),
     "real": 10.0,
-    "worn": 12.0,
+    "worn": 16.0,
     "blurred": 16.0,
     "hidden members": 0.2,
     "elsewhere": 0.1,
-    **dict.fromkeys((*MOSTLY_SHARED, "one brand", "sequels"), 0.15),
+    **dict.fromkeys((*MOSTLY_SHARED, "one brand", "sequels"), 0.05),
     "maps": 0.5,
 }
 FOLDS = 5
