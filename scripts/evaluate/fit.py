@@ -39,7 +39,7 @@ DIRECTIONS = {
 # What a frame without colour cannot tell, and what a picture without colour cannot: then these are 0. The weight of a
 # detection like that beside the one with its colour.
 GRAY_FRAME = ("tint", "strange"), 0.3
-GRAY_PICTURE = ("tint", "strange", "colour"), 0.05
+GRAY_PICTURE = ("tint", "strange", "colour"), 0.1
 # Few objects of the fit are pale, and many in the world: each detection counts again with a `colour` drawn from this
 # range, where it is less than its own, at this weight. Paler still are maps, and what is half hidden is like them.
 PALE = (35, 90), 1.5
@@ -58,11 +58,11 @@ FACTORS = {
     **dict.fromkeys(("playing cards", "pages of print"), 1.5),
     **dict.fromkeys(("QR codes", "members"), 3.0),
     "real": 10.0,
-    "worn": 16.0,
+    "worn": 12.0,
     "blurred": 16.0,
     "hidden members": 0.2,
     "elsewhere": 0.1,
-    **dict.fromkeys((*MOSTLY_SHARED, "one brand", "sequels"), 0.05),
+    **dict.fromkeys((*MOSTLY_SHARED, "one brand", "sequels"), 0.15),
     "maps": 0.5,
 }
 FOLDS = 5
