@@ -37,7 +37,7 @@ const DIRECTIONS: usize = 8;
 const TILTED: f32 = 1.5;
 
 /// The score from which on the one object of a model is found without doubt, so that nothing more is searched.
-const SURE: f32 = 0.99;
+const SURE: f32 = 0.97;
 
 /// Searches `picture` as [`search_for`] does, and where [`is_wanted`] says so as [`search_squeezed`] does.
 ///
@@ -53,11 +53,12 @@ pub fn search_widely(picture: &Picture, model: &Model<'_>, request: &Request, sl
 }
 
 /// Whether a picture is searched squeezed when a search of it has found `found`: with [`Request::wide`], unless the
-/// model has one object and that is found without doubt. A second copy of it is then not looked for.
+/// model has one object and that is found without doubt, and not from far to the side. A second copy of it is then not
+/// looked for.
 #[must_use]
 pub fn is_wanted(found: &Found, model: &Model<'_>, request: &Request) -> bool {
-    let is_sure = model.objects() == 1 && found.detections.first().is_some_and(|d| d.score >= SURE);
-    request.wide && !is_sure
+    let is_sure = |d: &Detection| d.score >= SURE && narrow(model, d, &d.homography).is_none();
+    request.wide && !(model.objects() == 1 && found.detections.first().is_some_and(is_sure))
 }
 
 /// Adds to what a search of `picture` has found what is seen from far to the side. The detectors of the threads `slots`
@@ -174,28 +175,11 @@ impl<'a> Wide<'a> {
     fn refined(&self, detector: &mut AnyDetector, found: Found) -> Result<Found> {
         let mut all = Vec::new();
         for d in found.detections.iter().take(DIRECTIONS) {
-            let Some((factor, direction_deg)) = self.narrow(d) else { continue };
+            let to_frame = self.to_picture.inverse().map(|m| m.after(&d.homography));
+            let Some((factor, direction_deg)) = to_frame.and_then(|m| narrow(self.model, d, &m)) else { continue };
             all.extend(self.search_one(detector, &Squeeze::new(self.size, factor, direction_deg))?);
         }
         Ok(if all.is_empty() { found } else { self.joined(found, all.into_iter()) })
-    }
-
-    /// How the picture is squeezed so that the object of a detection looks as one that is tilted by [`TILTED`], and along
-    /// which direction, degrees. `None` when it is hardly tilted more.
-    fn narrow(&self, d: &Detection) -> Option<(u8, f32)> {
-        let o = self.model.object(usize::from(d.object));
-        let to_frame = self.to_picture.inverse()?.after(&d.homography);
-        let [x, y] = [o.width as f32 / 2.0, o.height as f32 / 2.0];
-        let [middle, right, below] = [[x, y], [x + 1.0, y], [x, y + 1.0]].map(|p| to_frame.apply(p));
-        let ([a, c], [b, d]) = ([0, 1].map(|i| right[i] - middle[i]), [0, 1].map(|i| below[i] - middle[i]));
-        // The ellipse that a circle on the object looks like: its long axis and the ratio of its axes.
-        let (xx, xy, yy) = (a * a + b * b, a * c + b * d, c * c + d * d);
-        let direction = (2.0 * xy).atan2(xx - yy) / 2.0;
-        let apart = (xx - yy).hypot(2.0 * xy);
-        let ratio = ((xx + yy + apart) / (xx + yy - apart).max(f32::MIN_POSITIVE)).sqrt();
-        let factor = (ratio / TILTED).round().min(f32::from(2 * FACTOR));
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a small number")]
-        (factor >= 2.0).then_some((factor as u8, direction.to_degrees()))
     }
 
     /// What the search of the picture and those of the squeezed pictures have found, in px of the picture. They are
@@ -208,6 +192,23 @@ impl<'a> Wide<'a> {
         found.total_ns = u64::try_from(self.start.elapsed().as_nanos()).unwrap_or(u64::MAX);
         found
     }
+}
+
+/// How a picture is squeezed so that the object of a detection looks as one that is tilted by [`TILTED`], and along which
+/// direction, degrees. `None` when it is hardly tilted more. `to_frame` leads from the object to px of the picture.
+fn narrow(model: &Model<'_>, d: &Detection, to_frame: &Homography) -> Option<(u8, f32)> {
+    let o = model.object(usize::from(d.object));
+    let [x, y] = [o.width as f32 / 2.0, o.height as f32 / 2.0];
+    let [middle, right, below] = [[x, y], [x + 1.0, y], [x, y + 1.0]].map(|p| to_frame.apply(p));
+    let ([a, c], [b, d]) = ([0, 1].map(|i| right[i] - middle[i]), [0, 1].map(|i| below[i] - middle[i]));
+    // The ellipse that a circle on the object looks like: its long axis and the ratio of its axes.
+    let (xx, xy, yy) = (a * a + b * b, a * c + b * d, c * c + d * d);
+    let direction = (2.0 * xy).atan2(xx - yy) / 2.0;
+    let apart = (xx - yy).hypot(2.0 * xy);
+    let ratio = ((xx + yy + apart) / (xx + yy - apart).max(f32::MIN_POSITIVE)).sqrt();
+    let factor = (ratio / TILTED).round().min(f32::from(2 * FACTOR));
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a small number")]
+    (factor >= 2.0).then_some((factor as u8, direction.to_degrees()))
 }
 
 /// What is left of the time of a search that began at `start`; `None` when it has no end.
