@@ -11,7 +11,7 @@ fn a_frame_that_shows_the_object_is_explained_stage_by_stage() {
     let folder = Folder::new("explain");
     let out = folder.join("out");
     let run = keygraph!("explain", picture("astronaut"), frame(5), "-o", out).ended_with(0);
-    assert!(run.out.starts_with("astronaut is found, with a score of 1.00."), "{}", run.out);
+    assert!(run.out.starts_with("astronaut is found, with a score of 0.99."), "{}", run.out);
     run.said(&["written: ", "out/explain.md"]);
     let page = fs::read_to_string(out.join("explain.md")).unwrap();
     let stages = ["corners", "triangles", "keygraph", "matches", "votes", "poses", "look"];
@@ -35,7 +35,7 @@ fn what_would_help_is_said() {
     let plain = folder.join("plain.png");
     image::RgbImage::from_pixel(640, 480, image::Rgb([128; 3])).save(&plain).unwrap();
     for (shown, expected) in [
-        (mirrored, "`detect --mirror` finds it, with a score of 1.00"),
+        (mirrored, "`detect --mirror` finds it, with a score of 0.99"),
         (plain, "The frame has 0 corners"),
         (frame(25), "Is the object in the frame at all?"),
     ] {

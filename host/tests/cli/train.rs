@@ -70,7 +70,7 @@ fn the_report_is_for_users_and_its_numbers_are_extra() {
     assert_eq!(run.err, "");
     for part in [
         "object     astronaut, from ",
-        "found      yes, in its own picture: score 1.00, outline 0.",
+        "found      yes, in its own picture: score 0.99, outline 0.",
         "picture    good: ",
         &format!("written    {}, 2.0 MB\n", model.display()),
         &format!("next       keygraph detect -m '{}' photo.jpg\n", model.display()),
