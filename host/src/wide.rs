@@ -19,7 +19,7 @@ use anyhow::{Result, ensure};
 use keygraph_core::stages::frame::MIN_SIDE;
 use keygraph_core::stages::plane::Plane;
 use keygraph_core::stages::squeeze::Squeeze;
-use keygraph_core::{CellMatch, Detection, Frame, Homography, Model, PixelFormat, Surface};
+use keygraph_core::{CellMatch, Detection, Frame, Homography, Model, Object, PixelFormat, Surface};
 
 use crate::input::Picture;
 use crate::search::{AnyDetector, Found, Profile, Request, prepare_for, search_for, search_frame, with_detector};
@@ -57,7 +57,7 @@ pub fn search_widely(picture: &Picture, model: &Model<'_>, request: &Request, sl
 /// looked for.
 #[must_use]
 pub fn is_wanted(found: &Found, model: &Model<'_>, request: &Request) -> bool {
-    let is_sure = |d: &Detection| d.score >= SURE && narrow(model, d, &d.homography).is_none();
+    let is_sure = |d: &Detection| d.score >= SURE && narrow(&model.object(d.object.into()), &d.homography).is_none();
     request.wide && !(model.objects() == 1 && found.detections.first().is_some_and(is_sure))
 }
 
@@ -173,10 +173,11 @@ impl<'a> Wide<'a> {
     /// Searches for what has been found once more, in pictures that are squeezed as each detection says: its outline
     /// is then exact.
     fn refined(&self, detector: &mut AnyDetector, found: Found) -> Result<Found> {
+        let Some(to_prepared) = self.to_picture.inverse() else { return Ok(found) };
         let mut all = Vec::new();
         for d in found.detections.iter().take(DIRECTIONS) {
-            let to_frame = self.to_picture.inverse().map(|m| m.after(&d.homography));
-            let Some((factor, direction_deg)) = to_frame.and_then(|m| narrow(self.model, d, &m)) else { continue };
+            let (object, seen) = (self.model.object(d.object.into()), to_prepared.after(&d.homography));
+            let Some((factor, direction_deg)) = narrow(&object, &seen) else { continue };
             all.extend(self.search_one(detector, &Squeeze::new(self.size, factor, direction_deg))?);
         }
         Ok(if all.is_empty() { found } else { self.joined(found, all.into_iter()) })
@@ -194,12 +195,11 @@ impl<'a> Wide<'a> {
     }
 }
 
-/// How a picture is squeezed so that the object of a detection looks as one that is tilted by [`TILTED`], and along which
-/// direction, degrees. `None` when it is hardly tilted more. `to_frame` leads from the object to px of the picture.
-fn narrow(model: &Model<'_>, d: &Detection, to_frame: &Homography) -> Option<(u8, f32)> {
-    let o = model.object(usize::from(d.object));
-    let [x, y] = [o.width as f32 / 2.0, o.height as f32 / 2.0];
-    let [middle, right, below] = [[x, y], [x + 1.0, y], [x, y + 1.0]].map(|p| to_frame.apply(p));
+/// How a picture is squeezed so that an object in it looks as one that is tilted by [`TILTED`], and along which direction,
+/// degrees. `None` when it is hardly tilted more. `seen` leads from px of the object to px of the picture.
+fn narrow(object: &Object<'_>, seen: &Homography) -> Option<(u8, f32)> {
+    let [x, y] = [object.width as f32 / 2.0, object.height as f32 / 2.0];
+    let [middle, right, below] = [[x, y], [x + 1.0, y], [x, y + 1.0]].map(|p| seen.apply(p));
     let ([a, c], [b, d]) = ([0, 1].map(|i| right[i] - middle[i]), [0, 1].map(|i| below[i] - middle[i]));
     // The ellipse that a circle on the object looks like: its long axis and the ratio of its axes.
     let (xx, xy, yy) = (a * a + b * b, a * c + b * d, c * c + d * d);
@@ -335,7 +335,11 @@ fn best_names(all: Vec<Entry>) -> Vec<Entry> {
 
 #[cfg(test)]
 mod tests {
+    use std::path::Path;
+
     use super::*;
+    use crate::input::read_picture;
+    use crate::learn::{Preset, train};
 
     fn found(all: &[(u16, f32, f32)]) -> Found {
         let at = |&(object, x, score): &(u16, f32, f32)| {
@@ -363,6 +367,23 @@ mod tests {
         assert_eq!(best.rivals, [vec![(0, 0.95), (2, 0.4)], vec![]], "a rival of a twin of what was beaten, too");
         assert_eq!(told(&join(true)), [(1, 0.97), (0, 0.95), (0, 0.85)]);
         assert_eq!(best.surfaces.len(), 2);
+    }
+
+    #[test]
+    fn only_what_is_plainly_seen_from_the_front_needs_no_squeezed_pictures() {
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/pictures/coffee.jpg");
+        let (bytes, _) =
+            train(&read_picture(&file).expect("a picture"), "coffee", Preset::Compact, false).expect("texture");
+        let model = Model::parse(&bytes).expect("a model");
+        let request = Request { wide: true, ..Request::new(Profile::Vga, 0.8) };
+        let wanted = |width: f32, score: f32| {
+            let mut found = found(&[(0, 0.0, score)]);
+            found.detections[0].homography = Homography::affine([width, 0.0, 0.0, 0.0, 1.0, 0.0]);
+            is_wanted(&found, &model, &request)
+        };
+        assert_eq!([wanted(1.0, 0.98), wanted(0.5, 0.98)], [false; 2]);
+        assert_eq!([wanted(1.0, 0.95), wanted(0.3, 0.99), is_wanted(&found(&[]), &model, &request)], [true; 3]);
+        assert!(!is_wanted(&found(&[]), &model, &Request { wide: false, ..request }));
     }
 
     #[test]

@@ -91,8 +91,8 @@ def wear(rng, pixels, ground):
     for _ in range(rng.integers(4)):
         # A number or a word that differs from print to print: a piece of the picture from elsewhere on it.
         piece = np.int32(rng.uniform(0.05, 0.25, 2) * (h, w))
-        (to_y, to_x), (y, x) = (rng.integers((h, w) - piece, size=(2, 2))).tolist()
-        worn[to_y : to_y + piece[0], to_x : to_x + piece[1]] = worn[y : y + piece[0], x : x + piece[1]].copy()
+        there, here = (tuple(map(slice, at, at + piece)) for at in rng.integers((h, w) - piece, size=(2, 2)))
+        worn[there] = worn[here].copy()
     y, x = np.mgrid[:h, :w].astype(np.float32)
     for _ in range(rng.integers(1, 4)):
         # A fold: the halves catch the light differently, and the paper has lost its print along it.

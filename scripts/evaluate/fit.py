@@ -54,8 +54,7 @@ HIDDEN = dict.fromkeys(("behind a box", "mostly hidden", "behind something", "ha
 FACTORS = {
     **HIDDEN,
     **dict.fromkeys(("bent", "crumpled"), 2.0),
-    **dict.fromkeys(("icons", "apps"), 1.5),
-    **dict.fromkeys(("playing cards", "pages of print"), 1.5),
+    **dict.fromkeys(("icons", "apps", "playing cards", "pages of print"), 1.5),
     **dict.fromkeys(("QR codes", "members"), 3.0),
     "real": 10.0,
     "worn": 12.0,
@@ -133,15 +132,13 @@ def train(x, right, weights, trees):
     """
     weights = np.where(right, weights * weights[0, ~right].sum() / weights[0, right].sum(), weights)
     closely = (x[:, : len(PLAIN)] != PLAIN).any(1)
-    sets = [(x, right, weights[0])]
-    for (names, weight), own in ((GRAY_FRAME, weights[0]), (GRAY_PICTURE, weights[1])):
-        gray = x[closely]
-        gray[:, [list(DIRECTIONS).index(name) for name in names]] = 0
-        sets.append((gray, right[closely], weight * own[closely]))
-    drawn, weight = PALE
-    pale, colour = x[closely], list(DIRECTIONS).index("colour")
-    pale[:, colour] = np.minimum(pale[:, colour], np.random.default_rng(1).integers(*drawn, len(pale)))
-    sets.append((pale, right[closely], weight * weights[0][closely]))
+    near, colour = x[closely], np.random.default_rng(1).integers(*PALE[0], closely.sum())
+    copies = (
+        (lowered(near, GRAY_FRAME[0], 0), GRAY_FRAME[1] * weights[0]),
+        (lowered(near, GRAY_PICTURE[0], 0), GRAY_PICTURE[1] * weights[1]),
+        (lowered(near, ("colour",), colour), PALE[1] * weights[0]),
+    )
+    sets = [(x, right, weights[0]), *((rows, right[closely], weight[closely]) for rows, weight in copies)]
     x, right, weights = (np.concatenate(part) for part in zip(*sets, strict=True))
     model = HistGradientBoostingClassifier(
         max_iter=trees,
@@ -154,6 +151,15 @@ def train(x, right, weights, trees):
         random_state=1,
     )
     return model.fit(x, right, sample_weight=weights)
+
+
+def lowered(x, names, most):
+    """A copy of `x` whose properties `names` are `most` at most: a number, or one a row."""
+    copy = x.copy()
+    for name in names:
+        column = list(DIRECTIONS).index(name)
+        copy[:, column] = np.minimum(copy[:, column], most)
+    return copy
 
 
 def hold_back(x, right, groups, weights, trees):

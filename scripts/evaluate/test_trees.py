@@ -69,7 +69,7 @@ class Export(unittest.TestCase):
         self.assertLess(told[~right].mean(), 0.3)
 
     def test_a_paler_picture_is_believed_as_well(self):
-        # All that is right has bright colours, and so has nothing that is wrong. `mid` tells them apart as well.
+        # What is right has bright colours, what is wrong has none. `agree` and `votes` tell them apart as well.
         x, right = self.data()
         colour = list(fit.DIRECTIONS).index("colour")
         x[:, colour] = np.where(right, 200, 0)

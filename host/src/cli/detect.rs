@@ -92,8 +92,8 @@ pub struct Search {
     #[arg(long)]
     thorough: bool,
     /// Search for what is seen from far to the side, too, up to some 80 degrees: each frame is searched eight times more,
-    /// as it looks squeezed along eight directions. A model of one object that is found without doubt needs no more; a
-    /// second copy of it is then not looked for
+    /// as it looks squeezed along eight directions. A model of one object that is found without doubt, and not
+    /// from far to the side, needs no more; a second copy of it is then not looked for
     #[arg(long, conflicts_with_all = ["track", "digests", "format"])]
     wide: bool,
     #[command(flatten)]

@@ -36,7 +36,7 @@ fn comma_separated_values_have_a_line_for_each_object() {
     let lines: Vec<_> = run.out.lines().collect();
     assert_eq!(lines.len(), 3, "a head, and two frames with an object:\n{}", run.out);
     assert_eq!(lines[0].split(',').count(), 13);
-    let start = format!("{},0,\"a, \"\"b\"\"\",0.9", path(&frame(4)));
+    let start = format!("{},0,\"a, \"\"b\"\"\",0.98", path(&frame(4)));
     assert!(lines[1].starts_with(&start), "{}", lines[1]);
     let corners: Vec<f64> = lines[1].rsplit(',').take(8).map(|v| v.parse().unwrap()).collect();
     assert!((corners[7] - 178.8).abs() < 1.0, "x of the first corner, px: {corners:?}");
