@@ -296,7 +296,7 @@ impl<const LUMA: usize, const CHROMA: usize, const SIDE: usize, const CORNERS: u
             let _ = trained.view_keypoints.push(id(n));
             trained.triples += triples(n);
             let Self { corners, table, .. } = self;
-            each_keygraph(corners, rules, |k, cost| table.count(k.key.cell(), cost));
+            each_keygraph(corners, rules, &mut |k, cost| table.count(k.key.cell(), cost));
         }
         trained.keygraphs.seen = self.table.total();
         match trained.keygraphs.seen {
@@ -346,7 +346,7 @@ impl<const LUMA: usize, const CHROMA: usize, const SIDE: usize, const CORNERS: u
             sheet.write_view(i, &plan, &to_original, (first, corners.len()));
             first += corners.len();
             let view = view.view();
-            each_keygraph(corners, rules, |k, cost| {
+            each_keygraph(corners, rules, &mut |k, cost| {
                 let Some(at) = table.place(k.key.cell(), cost) else { return };
                 let points = k.vertices.map(|v| corners[usize::from(v)].point);
                 let feature = extract(&view, 0, points, k.size, params.feature, sampling);
@@ -398,9 +398,9 @@ fn template_size(w: usize, h: usize) -> (usize, usize) {
 }
 
 /// Calls `found` with every keygraph of the corners whose cost is at most [`MAX_COST`], and with
-/// its cost. Vertices are indices of corners.
+/// its cost. Vertices are indices of corners. One copy for both callers: boards have 112 KiB for training.
 #[inline(never)]
-fn each_keygraph(corners: &[Corner], rules: &Parameters, mut found: impl FnMut(&Keygraph, u32)) {
+fn each_keygraph(corners: &[Corner], rules: &Parameters, found: &mut dyn FnMut(&Keygraph, u32)) {
     let mut points = [Point::default(); MAX_VIEW_KEYPOINTS];
     let n = corners.len().min(points.len());
     for (p, c) in points.iter_mut().zip(corners) {
