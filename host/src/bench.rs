@@ -1,4 +1,4 @@
-//! The detector as a benchmark: searches the same frames again and again, on one thread.
+//! The detector as a benchmark: searches the same frames again and again, one after the other.
 //!
 //! In: decoded frames and a model. Out: the time and the memory of each stage, and a digest
 //! of all results, which is the same on every machine. The first pass is not timed; each
@@ -85,6 +85,8 @@ pub struct Tracking {
 pub struct Bench {
     /// Number of frames of a pass.
     pub frames: usize,
+    /// Number of threads that searched each frame.
+    pub threads: usize,
     /// Number of passes that were timed.
     pub passes: usize,
     /// Number of detections in a pass.
@@ -93,6 +95,8 @@ pub struct Bench {
     pub digest: u32,
     /// Times from decoded pixels to detections.
     pub total: Times,
+    /// The same of each frame, ms: the median of its passes.
+    pub each: Vec<f64>,
     /// The cost of each stage.
     pub stages: Vec<StageCost>,
     /// Size of the detector in bytes.
@@ -114,7 +118,7 @@ pub struct Plan {
     pub track: bool,
 }
 
-/// Searches `pictures` once, and then as often as `plan` says, on this thread.
+/// Searches `pictures` once, and then as often as `plan` says.
 ///
 /// # Errors
 /// When there is no picture, a picture is too small, or a pass differs from the first.
@@ -155,11 +159,13 @@ pub fn bench(pictures: &[Picture], model: &Model<'_>, plan: &Plan) -> Result<Ben
     });
     Ok(Bench {
         frames: pictures.len(),
+        threads: request.threads,
         passes: *passes,
         detections: first.iter().map(|f| f.detections.len()).sum(),
         digest: digest(&first),
         stages: stages.collect(),
         total: Times::new(&mut total),
+        each: total.iter_mut().map(|passes| at(passes, 0.5).unwrap_or(0) as f64 / 1e6).collect(),
         detector_bytes,
         buffers: buffers.collect(),
         tracking: track.then(|| tracked(pictures, model, request)).transpose()?,

@@ -18,6 +18,7 @@
 //! - [`sensor`]: pixels as a camera's sensor would give them
 //! - [`region`]: the part of a frame that is searched
 //! - [`request`]: how frames are searched
+//! - `crew`: threads that search one frame together (with the feature `crew`)
 //! - [`search`]: one frame through a detector of the right size
 //! - [`wide`]: a picture searched for what is seen from far to the side, too
 //! - [`trail`]: frames in order through a tracker
@@ -66,6 +67,8 @@ pub mod progress;
 pub mod sensor;
 pub mod region;
 pub mod request;
+#[cfg(feature = "crew")]
+pub mod crew;
 pub mod search;
 pub mod wide;
 pub mod trail;

@@ -282,10 +282,12 @@ pub fn bench_object(b: &Bench) -> Value {
     let buffer = |h: &Held| json!({"name": h.buffer.name(), "bytes": h.room.bytes, "capacity": h.room.capacity, "high_water": h.high_water});
     json!({
         "frames": b.frames,
+        "threads": b.threads,
         "passes": b.passes,
         "detections": b.detections,
         "digest": format!("{:08x}", b.digest),
         "total": times(&b.total),
+        "each_ms": b.each.iter().map(|&v| ms(v)).collect::<Vec<_>>(),
         "stages": b.stages.iter().map(stage).collect::<Map<_, _>>(),
         "detector_bytes": b.detector_bytes,
         "buffers": b.buffers.iter().map(buffer).collect::<Vec<_>>(),

@@ -5,7 +5,8 @@
 use std::time::Duration;
 
 use keygraph_core::{
-    Buffer, Depth, HdDetector, Homography, Known, Lens, PixelFormat, QqvgaDetector, QvgaDetector, Room, VgaDetector,
+    Buffer, Depth, Hd, HdDetector, Homography, Known, Lens, PixelFormat, Qqvga, QqvgaDetector, Qvga, QvgaDetector,
+    Room, Vga, VgaDetector,
 };
 
 use crate::region::Region;
@@ -39,14 +40,17 @@ impl Profile {
         }
     }
 
-    /// The bytes of the detector, and its buffers.
+    /// The bytes of the detector as one thread needs it, and its buffers.
     #[must_use]
     pub const fn memory(self) -> (usize, [Room; Buffer::COUNT]) {
+        const fn bytes<D, B>(buffers: usize) -> usize {
+            size_of::<D>() - size_of::<B>() + buffers
+        }
         match self {
-            Self::Hd => (size_of::<HdDetector>(), keygraph_core::Hd::ROOMS),
-            Self::Vga => (size_of::<VgaDetector>(), keygraph_core::Vga::ROOMS),
-            Self::Qvga => (size_of::<QvgaDetector>(), keygraph_core::Qvga::ROOMS),
-            Self::Qqvga => (size_of::<QqvgaDetector>(), keygraph_core::Qqvga::ROOMS),
+            Self::Hd => (bytes::<HdDetector, Hd>(Hd::BYTES), Hd::ROOMS),
+            Self::Vga => (bytes::<VgaDetector, Vga>(Vga::BYTES), Vga::ROOMS),
+            Self::Qvga => (bytes::<QvgaDetector, Qvga>(Qvga::BYTES), Qvga::ROOMS),
+            Self::Qqvga => (bytes::<QqvgaDetector, Qqvga>(Qqvga::BYTES), Qqvga::ROOMS),
         }
     }
 }
@@ -102,6 +106,8 @@ pub struct Request {
     /// Whether pictures are searched for what is seen from far to the side, too, as
     /// [`search_widely`](crate::wide::search_widely) does.
     pub wide: bool,
+    /// Number of threads that search a frame together, with the feature `crew`. The results do not depend on it.
+    pub threads: usize,
     /// Whether to report digests. Frames of a sequence have none.
     pub digests: bool,
 }
@@ -174,6 +180,7 @@ impl Request {
             format: None,
             depth: Depth::Usual,
             wide: false,
+            threads: 1,
             digests: false,
         }
     }

@@ -32,8 +32,8 @@ use crate::wide::search_widely;
 pub struct Options<'a> {
     /// How each frame is searched.
     pub request: Request,
-    /// Frames searched at once, 1 to [`MAX_THREADS`]; of fewer pictures each is searched widely by several. Tracking uses
-    /// one thread.
+    /// Number of threads, 1 to [`MAX_THREADS`]: each searches a frame. Of fewer pictures, and of a sequence that is
+    /// tracked, each is searched by several.
     pub threads: usize,
     /// Whether to follow objects from frame to frame.
     pub track: bool,
@@ -94,10 +94,10 @@ pub fn run(
     options: &Options<'_>,
     mut each: impl FnMut(Outcome) -> Result<()>,
 ) -> Result<()> {
-    let threads = if options.track { 1 } else { options.threads.clamp(1, MAX_THREADS) };
-    // When there are fewer pictures than threads, several threads search one of them widely.
+    let threads = options.threads.clamp(1, MAX_THREADS);
+    // When there are fewer pictures than threads, several threads search one of them.
     let pictures = source.len_hint().map_or(threads, |n| usize::try_from(n).unwrap_or(threads).clamp(1, threads));
-    let sharing = if options.request.wide { threads / pictures } else { 1 };
+    let sharing = if options.track { threads } else { threads / pictures };
     let threads = threads / sharing;
     let (jobs, queue) = channel::<(u64, Pending)>();
     let queue = Mutex::new(queue);
@@ -196,7 +196,7 @@ fn search_one(
     let SourceFrame { source, frame, kind, time, picture, .. } = frame;
     let result = picture.and_then(|p| {
         let lens = options.optics.map(|o| o.of_size(p.width, p.height)).transpose().with_context(|| source.clone())?;
-        let request = Request { details: options.annotate, lens, ..options.request };
+        let request = Request { details: options.annotate, lens, threads: slots.len(), ..options.request };
         let found = match trail {
             Some(trail) => trail.next(sequence(&source, kind, (p.width, p.height)), &p, model, &request, slots.start),
             None => search_widely(&p, model, &request, slots),

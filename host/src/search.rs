@@ -311,8 +311,7 @@ pub fn search_frame(
     request: &Request,
 ) -> Result<Found, FrameError> {
     let mut watch = Watch { digests: request.digests.then(Digests::new), ..Watch::new(request) };
-    detector.set_depth(request.depth);
-    detector.set_min_visible(request.min_visible);
+    set(detector, request);
     let mut detections = detector.detect(frame, model, request.threshold, &mut watch)?.to_vec();
     if request.all_names {
         detections.extend(detector.beaten());
@@ -331,6 +330,14 @@ pub fn search_frame(
         found.add_details(detector, model);
     }
     Ok(found)
+}
+
+/// Sets a detector to search as `request` says.
+fn set(detector: &mut AnyDetector, request: &Request) {
+    detector.set_depth(request.depth);
+    detector.set_min_visible(request.min_visible);
+    #[cfg(feature = "crew")]
+    detector.set_crew(crate::crew::crew(request.threads));
 }
 
 /// Whether the time was over before the surface of some detection was looked for.
@@ -391,8 +398,7 @@ pub fn follow_frame(
     request: &Request,
 ) -> Result<Found, FrameError> {
     let mut watch = Watch::new(request);
-    detector.set_depth(request.depth);
-    detector.set_min_visible(request.min_visible);
+    set(detector, request);
     let Follower { tracker, surfaces } = follower;
     let tracks = tracker.track(detector, frame, model, request.threshold, &mut watch)?;
     let (lost, seen): (Vec<Track>, Vec<Track>) = tracks.iter().partition(|t| t.state == State::Lost);

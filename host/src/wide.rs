@@ -75,11 +75,13 @@ pub fn search_squeezed(
     request: &Request,
     (slots, start): (Range<usize>, Instant),
 ) -> Result<Found> {
+    let (first, step) = (slots.start, slots.len().max(1));
+    // Each thread has squeezed pictures of its own.
+    let request = &Request { threads: if step > 1 { 1 } else { request.threads }, ..*request };
     let wide = match Wide::new(picture, model, request, start)? {
         Some(wide) => wide,
         None => return Ok(stopped(found)),
     };
-    let (first, step) = (slots.start, slots.len().max(1));
     let search =
         |k: usize| with_detector(larger(request.profile), first + k, |detector| wide.search(detector, k, step));
     let parts = thread::scope(|scope| {

@@ -174,12 +174,13 @@ pub fn assessment(a: &Assessment) -> String {
 pub fn benchmark(b: &Bench, model: &Model<'_>) -> String {
     let mut lines = vec![
         format!(
-            "{} objects, {} keygraphs, {} bytes of model; {} frames, {} passes, one thread",
+            "{} objects, {} keygraphs, {} bytes of model; {} frames, {} passes, {}",
             model.objects(),
             model.keygraphs(),
             model.bytes().len(),
             b.frames,
-            b.passes
+            b.passes,
+            if b.threads > 1 { format!("{} threads", b.threads) } else { "one thread".into() }
         ),
         format!(
             "\n{:10} {:>10} {:>10} {:>9}  a plain copy of the bytes it moves",

@@ -46,6 +46,9 @@ fn times_memory_and_a_digest_are_told() {
     let detector = b["detector_bytes"].as_u64().unwrap();
     assert!(bytes <= detector && detector - bytes < 16 << 10, "{bytes} of {detector} are buffers");
     assert!(b["tracking"]["followed"].as_u64() >= Some(1), "{b}");
+    let mut each: Vec<f64> = b["each_ms"].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect();
+    each.sort_by(f64::total_cmp);
+    assert_eq!((each.len(), each[1]), (3, ms(&b["total"])), "{b}");
 }
 
 #[test]
@@ -54,6 +57,7 @@ fn the_digest_stands_for_what_was_found() {
     let of = |more: &[&str]| bench(&folder, more)["digest"].as_str().unwrap().to_string();
     let one = of(&["--profile", "qvga"]);
     assert_eq!(one, of(&["--profile", "qvga"]), "each run gives the same");
+    assert_eq!(one, of(&["--profile", "qvga", "--threads", "2"]), "and so do several threads");
     assert_ne!(one, of(&["--profile", "qqvga"]), "other frames give another");
 }
 

@@ -50,7 +50,9 @@ def bench(command, picture, frames, passes, preset, folder):
     subprocess.run([command, "train", picture, "-o", model, "--preset", preset], check=True, stdout=subprocess.DEVNULL)
     run = [command, "bench", "-m", model, *frames, "--json", "--track", "--passes", str(passes)]
     run += ["--frames", str(len(frames))]
-    return json.loads(subprocess.run(run, check=True, stdout=subprocess.PIPE).stdout)
+    told = json.loads(subprocess.run(run, check=True, stdout=subprocess.PIPE).stdout)
+    del told["each_ms"]
+    return told
 
 
 class Stopwatch:

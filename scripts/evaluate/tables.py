@@ -99,10 +99,19 @@ def times(told=None):
 
 def mixed():
     """Time by what a frame shows: median and 99th percentile."""
-    told = read_record("mixed")
+    return by_kind(read_record("mixed")["detectors"])
+
+
+def together():
+    """The same when some threads search each frame together."""
+    return by_kind({f"{n} thread{'s'[: int(n) - 1]}": rows for n, rows in read_record("mixed")["threads"].items()})
+
+
+def by_kind(table):
+    """Median and 99th percentile by what a frame shows, a line for each label."""
     kinds = {"plain": "plainly", "hard": "with difficulty", "absent": "not at all", "all": "all three"}
     lines = []
-    for label, rows in told["detectors"].items():
+    for label, rows in table.items():
         cells = [f"{rows[kind]['median_ms']:.1f}, {rows[kind]['p99_ms']:.1f}" for kind in kinds]
         lines.append(row([label, *cells]))
     return head(["median and 99th percentile, ms", *kinds.values()]) + lines
@@ -171,6 +180,7 @@ TABLES = {
     "accuracy-short": accuracy_short,
     "times": times,
     "mixed": mixed,
+    "together": together,
     "tilt": tilt,
     "stages": stages,
     "growth": growth,

@@ -11,7 +11,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use keygraph::region::Region;
-use keygraph::search::{Follower, Found, Profile, Request, Shape, depth_of, follow_frame, search_frame};
+use keygraph::search::{Follower, Found, MAX_THREADS, Profile, Request, Shape, depth_of, follow_frame, search_frame};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 
@@ -123,6 +123,8 @@ fn answer<'py>(
 ///     distortion: Coefficients of the lens in OpenCV's order: 4, 5 or 8, or 4 with `fisheye`. Each detection then
 ///         has a `surface`, flat or bent, seen through the lens, and `pose()` takes it into account.
 ///     fisheye: Whether the coefficients are those of `cv2.fisheye`.
+///     threads: Threads that search a frame together, 1 to 8. The results are the same. A process that forks needs
+///         `threads=1`.
 ///     digests: Report a digest of each stage's output in `to_dict()`, to compare machines by.
 #[pyclass(frozen, module = "keygraph")]
 #[derive(Debug)]
@@ -135,7 +137,7 @@ pub struct Detector {
 #[pymethods]
 impl Detector {
     #[new]
-    #[pyo3(signature = (models, profile="vga", threshold=0.8, *, min_visible=0.0, thorough=false, wide=false, all_names=false, budget_ms=None, roi=None, mirror=false, surface="any", intrinsics=None, distortion=None, fisheye=false, digests=false))]
+    #[pyo3(signature = (models, profile="vga", threshold=0.8, *, min_visible=0.0, thorough=false, wide=false, all_names=false, budget_ms=None, roi=None, mirror=false, surface="any", intrinsics=None, distortion=None, fisheye=false, threads=1, digests=false))]
     #[allow(clippy::too_many_arguments, reason = "the arguments of Python, which have names")]
     fn new(
         py: Python<'_>,
@@ -153,6 +155,7 @@ impl Detector {
         intrinsics: Option<&Bound<'_, PyAny>>,
         distortion: Option<&Bound<'_, PyAny>>,
         fisheye: bool,
+        threads: usize,
         digests: bool,
     ) -> PyResult<Self> {
         let lens = lens_of(intrinsics, distortion, fisheye)?;
@@ -161,6 +164,9 @@ impl Detector {
         }
         if wide && (lens.is_some() || digests) {
             return Err(PyValueError::new_err("wide: leave out distortion and digests"));
+        }
+        if !(1..=MAX_THREADS).contains(&threads) {
+            return Err(PyValueError::new_err(format!("threads: expected 1 to {MAX_THREADS}, got {threads}")));
         }
         let request = Request {
             min_visible: share("min_visible", min_visible)?,
@@ -172,6 +178,7 @@ impl Detector {
             budget: budget_ms.map(budget).transpose()?,
             region: roi.map(region).transpose()?,
             mirror,
+            threads,
             digests,
             ..Request::new(self::profile(profile)?, share("threshold", threshold)?)
         };
@@ -275,6 +282,8 @@ struct Trail {
 ///     distortion: Coefficients of the lens in OpenCV's order: 4, 5 or 8, or 4 with `fisheye`. Each detection then
 ///         has a `surface`, flat or bent, seen through the lens, and `pose()` takes it into account.
 ///     fisheye: Whether the coefficients are those of `cv2.fisheye`.
+///     threads: Threads that search a frame together, 1 to 8. The results are the same. A process that forks needs
+///         `threads=1`.
 #[pyclass(frozen, module = "keygraph")]
 #[derive(Debug)]
 pub struct Tracker {
@@ -286,7 +295,7 @@ pub struct Tracker {
 #[pymethods]
 impl Tracker {
     #[new]
-    #[pyo3(signature = (models, profile="vga", threshold=0.8, *, min_visible=0.0, thorough=false, budget_ms=None, roi=None, mirror=false, surface="any", intrinsics=None, distortion=None, fisheye=false))]
+    #[pyo3(signature = (models, profile="vga", threshold=0.8, *, min_visible=0.0, thorough=false, budget_ms=None, roi=None, mirror=false, surface="any", intrinsics=None, distortion=None, fisheye=false, threads=1))]
     #[allow(clippy::too_many_arguments, reason = "the arguments of Python, which have names")]
     fn new(
         py: Python<'_>,
@@ -302,6 +311,7 @@ impl Tracker {
         intrinsics: Option<&Bound<'_, PyAny>>,
         distortion: Option<&Bound<'_, PyAny>>,
         fisheye: bool,
+        threads: usize,
     ) -> PyResult<Self> {
         let Detector { model, request, room } = Detector::new(
             py,
@@ -319,6 +329,7 @@ impl Tracker {
             intrinsics,
             distortion,
             fisheye,
+            threads,
             false,
         )?;
         let room = room.into_inner().unwrap_or_else(PoisonError::into_inner);

@@ -228,6 +228,7 @@ def test_an_assessment_is_of_one_object(model: keygraph.Model, coffee: keygraph.
         ({"threshold": "high"}, TypeError, "threshold"),
         ({"min_visible": -1}, ValueError, "min_visible: expected 0 to 1"),
         ({"budget_ms": 0}, ValueError, "budget_ms: expected a number of ms above 0"),
+        ({"threads": 0}, ValueError, "threads: expected 1 to 8, got 0"),
         ({"roi": (0, 0, 0, 10)}, ValueError, "above 0"),
         ({"roi": (0, 0, 10)}, ValueError, "roi: "),
         ({"roi": 4}, TypeError, r"roi: expected \(x, y, width, height\)"),

@@ -45,6 +45,14 @@ def test_trackers_and_training_of_several_threads(compact: keygraph.Model) -> No
         assert all(model == compact for model in models)
 
 
+def test_several_threads_search_one_frame(model: keygraph.Model) -> None:
+    expected = results(keygraph.Detector(model))
+    assert results(keygraph.Detector(model, threads=2)) == expected
+    alone, together = keygraph.Tracker(model), keygraph.Tracker(model, threads=3)
+    for frame in FRAMES:
+        assert timeless(together.track(frame).to_dict()) == timeless(alone.track(frame).to_dict())
+
+
 TRIES = 50
 
 

@@ -13,6 +13,9 @@ use heapless::{Vec, VecView};
 
 use crate::base::capacity::{Buffer, FEATURE_BYTES, LEVELS, Room, chroma_bytes, luma_bytes, pixels_of};
 use crate::base::geometry::Point;
+use crate::detect::help::Help;
+#[cfg(feature = "crew")]
+use crate::detect::help::{Ahead, Block, Foreseen, Team};
 use crate::detect::hough::Bin;
 use crate::detect::observer::Tally;
 use crate::detect::pose::{MAX_CORNERS, Pair};
@@ -38,10 +41,10 @@ pub type Hd = Buffers<{ luma_bytes(1280 * 720) }, { chroma_bytes(1280 * 720) }, 
 const fn with_frame(buffers: usize, pixels: usize) -> usize {
     buffers + size_of::<usize>() + 2 * pixels
 }
-const _: () = assert!(with_frame(size_of::<Qqvga>(), 160 * 120) <= 160 << 10, "qqvga exceeds 160 KB");
-const _: () = assert!(with_frame(size_of::<Qvga>(), 320 * 240) <= 480 << 10, "qvga exceeds 480 KB");
-const _: () = assert!(with_frame(size_of::<Vga>(), 640 * 480) <= 4 << 20, "vga exceeds 4 MB");
-const _: () = assert!(with_frame(size_of::<Hd>(), 1280 * 720) <= 12 << 20, "hd exceeds 12 MB");
+const _: () = assert!(with_frame(Qqvga::BYTES, 160 * 120) <= 160 << 10, "qqvga exceeds 160 KB");
+const _: () = assert!(with_frame(Qvga::BYTES, 320 * 240) <= 480 << 10, "qvga exceeds 480 KB");
+const _: () = assert!(with_frame(Vga::BYTES, 640 * 480) <= 4 << 20, "vga exceeds 4 MB");
+const _: () = assert!(with_frame(Hd::BYTES, 1280 * 720) <= 12 << 20, "hd exceeds 12 MB");
 
 /// The bytes of a profile that no [`Room`] counts.
 const fn rest(buffers: usize, rooms: &[Room; Buffer::COUNT]) -> usize {
@@ -52,8 +55,8 @@ const fn rest(buffers: usize, rooms: &[Room; Buffer::COUNT]) -> usize {
     }
     rest
 }
-const _: () = assert!(rest(size_of::<Qqvga>(), &Qqvga::ROOMS) < 9 << 10, "the rest of a detector exceeds 9 KB");
-const _: () = assert!(rest(size_of::<Hd>(), &Hd::ROOMS) < 9 << 10, "the rest of a detector exceeds 9 KB");
+const _: () = assert!(rest(Qqvga::BYTES, &Qqvga::ROOMS) < 9 << 10, "the rest of a detector exceeds 9 KB");
+const _: () = assert!(rest(Hd::BYTES, &Hd::ROOMS) < 9 << 10, "the rest of a detector exceeds 9 KB");
 
 /// Size of the largest frame that fits a profile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -96,6 +99,46 @@ pub struct Buffers<
     spans: Spans,
     findings: Findings,
     tally: Tally,
+    #[cfg(feature = "crew")]
+    aside: Aside<SIDE, CORNERS, POINTS, KEYGRAPHS>,
+}
+
+/// What other cores work in, when there are any.
+#[cfg(feature = "crew")]
+#[derive(Debug)]
+struct Aside<const SIDE: usize, const CORNERS: usize, const POINTS: usize, const KEYGRAPHS: usize> {
+    team: Option<Team>,
+    foreseen: Option<Foreseen>,
+    scratch: [[f32; SIDE]; SCRATCH_ROWS],
+    mesh: Triangulation<POINTS>,
+    corners: Vec<Corner, CORNERS>,
+    points: Vec<Point, CORNERS>,
+    triples: Vec<Triple, KEYGRAPHS>,
+    block: Block,
+}
+
+#[cfg(feature = "crew")]
+impl<const SIDE: usize, const CORNERS: usize, const POINTS: usize, const KEYGRAPHS: usize>
+    Aside<SIDE, CORNERS, POINTS, KEYGRAPHS>
+{
+    const fn new() -> Self {
+        Self {
+            team: None,
+            foreseen: None,
+            scratch: [[0.0; SIDE]; SCRATCH_ROWS],
+            mesh: Triangulation::new(),
+            corners: Vec::new(),
+            points: Vec::new(),
+            triples: Vec::new(),
+            block: Block::new(),
+        }
+    }
+
+    fn help(&mut self) -> Option<Help<'_>> {
+        let Self { team, foreseen, scratch, mesh, corners, points, triples, block } = self;
+        let (scratch, mesh) = (scratch.as_flattened_mut(), mesh.workspace());
+        team.map(|team| Help { team, ahead: Ahead { team, scratch, mesh, corners, points, triples, foreseen }, block })
+    }
 }
 
 impl<
@@ -133,6 +176,13 @@ impl<
         Room { bytes: size_of::<Vec<Pair, KEYGRAPHS>>(), capacity: KEYGRAPHS },
     ];
 
+    /// Bytes of the buffers, without those that other cores work in ([`Crew`](crate::Crew)).
+    #[cfg(not(feature = "crew"))]
+    pub const BYTES: usize = size_of::<Self>();
+    /// Bytes of the buffers, without those that other cores work in ([`Crew`](crate::Crew)).
+    #[cfg(feature = "crew")]
+    pub const BYTES: usize = size_of::<Self>() - size_of::<Aside<SIDE, CORNERS, POINTS, KEYGRAPHS>>();
+
     /// Creates empty buffers; all bytes are zero.
     #[must_use]
     pub const fn new() -> Self {
@@ -152,6 +202,8 @@ impl<
             spans: [(0, 0); LEVELS],
             findings: Findings::EMPTY,
             tally: Tally::EMPTY,
+            #[cfg(feature = "crew")]
+            aside: Aside::new(),
         }
     }
 }
@@ -194,6 +246,8 @@ pub struct Lent<'a> {
     pub(super) spans: &'a mut Spans,
     pub(super) findings: &'a mut Findings,
     pub(super) tally: &'a mut Tally,
+    /// Other cores, and what they work in.
+    pub(super) help: Option<Help<'a>>,
 }
 
 /// Results of the last search, as views.
@@ -218,6 +272,9 @@ pub trait Lend {
     fn lend(&mut self) -> Lent<'_>;
     /// Shows the results of the last search.
     fn show(&self) -> Shown<'_>;
+    /// Sets the cores that share a search.
+    #[cfg(feature = "crew")]
+    fn set_crew(&mut self, crew: Option<&'static dyn crate::Crew>);
 }
 
 impl<
@@ -254,7 +311,16 @@ impl<
             spans: &mut self.spans,
             findings: &mut self.findings,
             tally: &mut self.tally,
+            #[cfg(feature = "crew")]
+            help: self.aside.help(),
+            #[cfg(not(feature = "crew"))]
+            help: None,
         }
+    }
+
+    #[cfg(feature = "crew")]
+    fn set_crew(&mut self, crew: Option<&'static dyn crate::Crew>) {
+        self.aside.team = crew.map(|crew| Team { crew });
     }
 
     fn show(&self) -> Shown<'_> {

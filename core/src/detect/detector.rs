@@ -13,10 +13,11 @@ use crate::detect::buffers::{Buffers, Hd, Lent, Limits, Profile, Qqvga, Qvga, Vg
 use crate::detect::detection::Detection;
 use crate::detect::evidence::Agreement;
 use crate::detect::finder::{Corners, Finder};
+use crate::detect::help::Foresight;
 use crate::detect::matches::{CellMatch, matches};
 use crate::detect::observer::{Laps, Observer, Output, Stats, Tally, passed};
 use crate::detect::plan::{Depth, Plan, Scope, Wish};
-use crate::detect::scene::{Context, Scene, span, vertices};
+use crate::detect::scene::{Context, FINEST, Scene, span, vertices};
 use crate::detect::search::{Place, Search};
 use crate::detect::surface::{self, Eye, Known, Surface};
 use crate::extract::corners::SCRATCH_ROWS;
@@ -84,6 +85,13 @@ impl<P: Profile + ?Sized> Detector<P> {
     /// [`Appearance::visible`]: crate::Appearance::visible
     pub const fn set_min_visible(&mut self, visible: f32) {
         self.visible = visible;
+    }
+
+    /// Sets the cores that share a search. The results do not depend on them. While others help, a search asks
+    /// [`Observer::goes_on`] less often: every few million instructions. The time of `verify` counts as `classify`.
+    #[cfg(feature = "crew")]
+    pub fn set_crew(&mut self, crew: Option<&'static dyn crate::Crew>) {
+        self.buffers.set_crew(crew);
     }
 
     /// Searches `frame` for the objects of `model`. Returns the detections that score at least
@@ -460,7 +468,7 @@ impl Observer for Whole<'_> {
 }
 
 /// Empties the buffers of what the last frame left in them.
-fn cleared(lent: Lent<'_>) -> Lent<'_> {
+fn cleared(mut lent: Lent<'_>) -> Lent<'_> {
     *lent.tally = Tally::EMPTY;
     lent.findings.detections.clear();
     lent.findings.named = 0;
@@ -468,6 +476,9 @@ fn cleared(lent: Lent<'_>) -> Lent<'_> {
     *lent.spans = [(0, 0); LEVELS];
     lent.keygraphs.clear();
     lent.votes.clear();
+    if let Some(help) = &mut lent.help {
+        *help.ahead.foreseen = None;
+    }
     lent
 }
 
@@ -514,18 +525,38 @@ fn advance(
     all: bool,
 ) -> bool {
     let Lent { pyramid, scratch, mesh, corners, points, triples, keygraphs, features, spans, .. } = lent;
-    let Lent { votes, bins, pairs, findings, tally, .. } = lent;
-    let mut ours = Corners { rules: model.method().parameters(), scratch, mesh };
+    let Lent { votes, bins, pairs, findings, tally, help, .. } = lent;
+    let pyramid = pyramid.into_view();
+    let tile = place.tile(&pyramid);
+    let scene = Scene { pyramid, tile, points, spans, keygraphs, features, corners, triples };
+    let context = Context { model, tally, laps };
+    let (hands, mut ahead) = help.map_or((None, None), |h| (Some((h.team, h.block)), Some(h.ahead)));
+    let mut search = Search { context, scene, votes, bins, pairs, findings, hands };
+    let rules = model.method().parameters();
+    let mut ours = Corners { rules, scratch, mesh };
+    // The levels above the finest here, the finest one on another core meanwhile.
+    if let Some(ahead) = &mut ahead
+        && place.is_start()
+        && finder.is_none()
+    {
+        let mut more = true;
+        let mut mine = || {
+            more = search.advance(plan, place, &mut ours);
+            while more && !place.is_past_gathering() {
+                more = search.advance(plan, place, &mut ours);
+            }
+        };
+        ahead.team.crew.both(&mut mine, &mut || ahead.look(pyramid.luma(FINEST.into()), FINEST.into(), rules));
+        if !more || !all {
+            return more;
+        }
+    }
+    let mut ours = Foresight { ours, ahead, level: FINEST.into() };
     let finder: &mut dyn Finder = match finder {
         Some(other) => other,
         None => &mut ours,
     };
-    let pyramid = pyramid.into_view();
-    let tile = place.tile(&pyramid);
-    let scene = Scene { pyramid, tile, points, spans, keygraphs, features, corners, triples };
-    let context = Context { model, finder, tally, laps };
-    let mut search = Search { context, scene, votes, bins, pairs, findings };
-    while search.advance(plan, place) {
+    while search.advance(plan, place, finder) {
         if !all {
             return true;
         }

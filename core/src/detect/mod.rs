@@ -25,6 +25,7 @@ pub mod matches;
 pub mod belief;
 pub mod observer;
 pub mod finder;
+pub mod help;
 pub mod plan;
 pub mod tile;
 pub mod scene;

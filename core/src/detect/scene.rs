@@ -43,10 +43,9 @@ pub(crate) fn vertices(points: &[Point], k: &Keygraph) -> [(u16, [f32; 2]); 3] {
     k.vertices.map(|v| (v, to_level0(points[usize::from(v)], usize::from(k.level))))
 }
 
-/// The model, the finder and the counts that the search of a level works with.
+/// The model and the counts that the search of a level works with.
 pub(crate) struct Context<'a, 'o> {
     pub(crate) model: &'a Model<'a>,
-    pub(crate) finder: &'a mut dyn Finder,
     pub(crate) tally: &'a mut Tally,
     pub(crate) laps: &'a mut Laps<'o>,
 }
@@ -77,12 +76,13 @@ impl Scene<'_> {
         &mut self,
         level: u8,
         (found, thirds): (&[Detection], usize),
+        finder: &mut dyn Finder,
         context: &mut Context<'_, '_>,
     ) {
         let level = usize::from(level);
-        self.find_keypoints(level, (found, thirds), context);
+        self.find_keypoints(level, (found, thirds), finder, context);
         context.laps.end(context.tally, Output::Corners(&self.points[span(self.spans, level)]));
-        self.find_triples(level, context);
+        self.find_triples(level, finder, context);
         context.laps.end(context.tally, Output::Triangles(self.triples));
         let first = self.keygraphs.len();
         self.find_keygraphs(level, context);
@@ -90,13 +90,19 @@ impl Scene<'_> {
     }
 
     #[inline(never)]
-    fn find_keypoints(&mut self, level: usize, (found, thirds): (&[Detection], usize), context: &mut Context<'_, '_>) {
+    fn find_keypoints(
+        &mut self,
+        level: usize,
+        (found, thirds): (&[Detection], usize),
+        finder: &mut dyn Finder,
+        context: &mut Context<'_, '_>,
+    ) {
         self.corners.clear();
         let (start, tally) = (self.points.len(), &mut *context.tally);
         let whole = self.pyramid.luma(level);
         let (luma, origin) = self.tile.map_or((whole, Point::default()), |t| t.in_level(whole, level));
         if luma.width().min(luma.height()) >= 8 {
-            let mut stats = context.finder.keypoints(luma, level, self.corners, context.laps);
+            let mut stats = finder.keypoints(luma, level, self.corners, context.laps);
             let held = self.corners.capacity().min(stats.seen as usize).max(self.corners.len());
             tally.mark(Buffer::Corners, held);
             tally.mark(Buffer::Triangulation, self.corners.len());
@@ -131,9 +137,9 @@ impl Scene<'_> {
     }
 
     #[inline(never)]
-    fn find_triples(&mut self, level: usize, context: &mut Context<'_, '_>) {
+    fn find_triples(&mut self, level: usize, finder: &mut dyn Finder, context: &mut Context<'_, '_>) {
         self.triples.clear();
-        let stats = context.finder.triples(&self.points[span(self.spans, level)], self.triples, context.laps);
+        let stats = finder.triples(&self.points[span(self.spans, level)], self.triples, context.laps);
         context.tally.mark(Buffer::Triples, self.triples.len());
         context.tally.add(Stage::Delaunay, stats);
     }

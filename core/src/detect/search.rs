@@ -22,9 +22,11 @@ use crate::base::sort::sort_by_key;
 use crate::detect::align::refine;
 use crate::detect::appearance::appearance;
 use crate::detect::belief::believe;
-use crate::detect::classify::{Match, NEIGHBOURS, classify};
+use crate::detect::classify::{Match, NEIGHBOURS, Nearest, classify};
 use crate::detect::detection::{Detection, Detections};
 use crate::detect::evidence::{self, is_found, weigh};
+use crate::detect::finder::Finder;
+use crate::detect::help::{Block, Team};
 use crate::detect::hough::{self, Bin, Candidate};
 use crate::detect::observer::Output;
 use crate::detect::plan::{Levels, Plan, Settle, Step, When};
@@ -149,6 +151,16 @@ impl Place {
     pub(crate) fn is_end(&self) -> bool {
         self.next == Piece::End
     }
+
+    /// Whether a search of the whole frame begins.
+    pub(crate) fn is_start(&self) -> bool {
+        self.next == Self::START.next && self.tiles == 0
+    }
+
+    /// Whether the search has come to its first decision, or needs the finest level.
+    pub(crate) fn is_past_gathering(&self) -> bool {
+        matches!(self.next, Piece::Candidates | Piece::Level(FINEST) | Piece::End)
+    }
 }
 
 /// State of a search.
@@ -159,17 +171,24 @@ pub(crate) struct Search<'a, 'o> {
     pub(crate) bins: &'a mut [Bin],
     pub(crate) pairs: &'a mut VecView<Pair>,
     pub(crate) findings: &'a mut Findings,
+    /// Other cores, and the keygraphs that they work at; without the feature `crew` none.
+    pub(crate) hands: Option<(Team, &'a mut Block)>,
 }
 
 impl Search<'_, '_> {
     /// Does the piece of a search that comes next. Returns whether there is another.
     #[inline(never)]
-    pub(crate) fn advance(&mut self, plan: &Plan, at: &mut Place) -> bool {
+    pub(crate) fn advance(&mut self, plan: &Plan, at: &mut Place, finder: &mut dyn Finder) -> bool {
         let step = || plan.step(usize::from(at.round), usize::from(at.step));
+        if at.next == Piece::Step
+            && let Some((_, block)) = &mut self.hands
+        {
+            block.clear();
+        }
         at.next = match at.next {
             Piece::Level(level) => {
                 let found = (&self.findings.detections[..], plan.thirds_of_corners());
-                self.scene.find_level(level, found, &mut self.context);
+                self.scene.find_level(level, found, finder, &mut self.context);
                 let more = level != FINEST && usize::from(level) + 1 < LEVELS;
                 if more { Piece::Level(level + 1) } else { Piece::Features }
             }
@@ -311,6 +330,9 @@ impl Search<'_, '_> {
         let end = if step.levels == Levels::Coarse { usize::from(coarse) } else { self.scene.keygraphs.len() };
         let (first, next) = (usize::from(first), usize::from(first) + CHUNK);
         if first < end && !self.context.laps.stopped {
+            if self.hands.is_some() {
+                self.share_matches(step, first, end);
+            }
             self.find_matches(step, first..end.min(next));
             self.context.laps.end(self.context.tally, Output::Matches(&self.findings.matches));
             let first = self.votes.all().len();
@@ -320,21 +342,32 @@ impl Search<'_, '_> {
         next < end && !self.context.laps.stopped
     }
 
+    /// Has all cores find the matches of the keygraphs from `first` on, as far as a block goes.
+    fn share_matches(&mut self, step: &Step, first: usize, end: usize) {
+        let (scene, model, found) = (&self.scene, self.context.model, &self.findings.detections);
+        let Some((team, block)) = &mut self.hands else { return };
+        block.hold(*team, id(first), id(end), &|i| {
+            let weighed = |m| (m, weight_of(scene, model, &corresponding(scene, model, i, m)));
+            nearest(scene, model, step, found, i).map(|m| m.map(weighed))
+        });
+    }
+
     /// Finds the matches of a chunk of keygraphs.
     #[inline(never)]
     fn find_matches(&mut self, step: &Step, chunk: Range<usize>) {
-        let Self { scene, findings: Findings { matches, detections, .. }, context, .. } = self;
+        let Self { scene, findings: Findings { matches, detections, .. }, context, hands, .. } = self;
         matches.clear();
         let seen = count(chunk.len());
-        for i in chunk {
-            let k = &scene.keygraphs[i];
-            let at = vertices(scene.points, k)[0].1;
-            if !context.laps.goes_on() || step.tier.object().is_some_and(|o| is_found(detections, o, at)) {
+        for i in chunk.map(id) {
+            if !context.laps.goes_on() {
                 continue;
             }
-            let nearest = classify(context.model, step.tier, k, &scene.features[i], &step.matching);
+            let nearest = match hands {
+                Some((_, block)) => block.get(i).map(|m| m.map(|(m, _)| m)),
+                None => nearest(scene, context.model, step, detections, i),
+            };
             // All matches fit: a keygraph has at most NEIGHBOURS of them.
-            matches.extend(nearest.into_iter().flatten().map(|m| (id(i), m)));
+            matches.extend(nearest.into_iter().flatten().map(|m| (i, m)));
         }
         context.tally.add(Stage::Classify, StageStats { seen, kept: count(matches.len()), dropped: 0 });
     }
@@ -342,23 +375,20 @@ impl Search<'_, '_> {
     /// Casts the votes of the matches whose surroundings are alike.
     #[inline(never)]
     fn cast_votes(&mut self) {
-        let Self { scene, votes, findings: Findings { matches, .. }, context, .. } = self;
-        let (model, rules) = (context.model, context.model.method().parameters());
-        let gray = model.feature() == FeatureKind::Luma;
+        let Self { scene, votes, findings: Findings { matches, .. }, context, hands, .. } = self;
+        let model = context.model;
         let mut stats = StageStats { seen: count(matches.len()), ..StageStats::default() };
         for &(i, m) in matches.iter() {
             if !context.laps.goes_on() {
                 break;
             }
-            let to = vertices(scene.points, &scene.keygraphs[usize::from(i)]).map(|(_, p)| p);
-            let (v, from) = model.keygraph(m.keygraph as usize);
-            let (v, from) = (model.view(v), from.map(Point::px));
-            let o = model.object(usize::from(v.object));
-            let weight = match rules.verify {
-                Some(least) => weight_of(likeness_at(&scene.pyramid, &o, &v, [&from, &to], gray), least),
-                None => Some(1),
+            let pair = corresponding(scene, model, i, m);
+            let weight = match hands {
+                Some((_, block)) => block.get(i).into_iter().flatten().find(|w| w.0 == m).and_then(|w| w.1),
+                None => weight_of(scene, model, &pair),
             };
-            let Some(v) = weight.and_then(|w| cast(&o, &v, m, i, [from, to], w)) else { continue };
+            let (object, view, triangles) = &pair;
+            let Some(v) = weight.and_then(|w| cast(object, view, m, i, *triangles, w)) else { continue };
             match votes.cast(v) {
                 Ok(()) => stats.kept += 1,
                 Err(_) => stats.dropped += 1,
@@ -502,21 +532,39 @@ fn similar(model: &Model<'_>, c: &Candidate) -> Detection {
     }
 }
 
-/// Likeness of the surroundings of a match, whose vertices are `from` in a view of the object and
-/// `to` in the frame, px.
-fn likeness_at(
-    frame: &PyramidView<'_>,
-    object: &Object<'_>,
-    view: &View,
-    [from, to]: [&[[f32; 2]; 3]; 2],
-    gray: bool,
-) -> f32 {
-    let to_template = object.template.from_picture(object.width as f32, object.height as f32).after(&view.to_picture);
-    likeness(frame, &object.template, &from.map(|p| to_template.apply_affine(p)), to, gray)
+/// The nearest neighbours of keygraph `i` of the frame; none where the object that the step looks for has been
+/// found.
+fn nearest(scene: &Scene<'_>, model: &Model<'_>, step: &Step, found: &Detections, i: u16) -> Nearest {
+    let k = &scene.keygraphs[usize::from(i)];
+    let at = vertices(scene.points, k)[0].1;
+    if step.tier.object().is_some_and(|o| is_found(found, o, at)) {
+        return [None; NEIGHBOURS];
+    }
+    classify(model, step.tier, k, &scene.features[usize::from(i)], &step.matching)
 }
 
-/// Weight of the vote of a match with this likeness, 1 to 16; `None` when the likeness is below
-/// `least`.
-fn weight_of(l: f32, least: f32) -> Option<u8> {
+/// The object and the view of the model keygraph of a match, and the vertices in that view and in the frame, px.
+fn corresponding<'a>(
+    scene: &Scene<'_>,
+    model: &'a Model<'_>,
+    i: u16,
+    m: Match,
+) -> (Object<'a>, View, [[[f32; 2]; 3]; 2]) {
+    let to = vertices(scene.points, &scene.keygraphs[usize::from(i)]).map(|(_, p)| p);
+    let (v, from) = model.keygraph(m.keygraph as usize);
+    let v = model.view(v);
+    (model.object(usize::from(v.object)), v, [from.map(Point::px), to])
+}
+
+/// Weight of the vote of a match, 1 to 16; `None` when the surroundings of its keygraphs are not alike enough.
+fn weight_of(
+    scene: &Scene<'_>,
+    model: &Model<'_>,
+    (object, view, [from, to]): &(Object<'_>, View, [[[f32; 2]; 3]; 2]),
+) -> Option<u8> {
+    let Some(least) = model.method().parameters().verify else { return Some(1) };
+    let to_template = object.template.from_picture(object.width as f32, object.height as f32).after(&view.to_picture);
+    let from = from.map(|p| to_template.apply_affine(p));
+    let l = likeness(&scene.pyramid, &object.template, &from, to, model.feature() == FeatureKind::Luma);
     (l >= least).then(|| u8::try_from(math::round(1.0 + 15.0 * (l - least) / (2.0 - least))).unwrap_or(1))
 }

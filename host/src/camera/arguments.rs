@@ -14,7 +14,7 @@ use super::mode::Format;
 use crate::cutout::{Outline, parse_outline};
 use crate::pose::CameraArguments;
 use crate::region::Look;
-use crate::search::{Profile, Shape, parse_budget, parse_share, parse_threshold};
+use crate::search::{MAX_THREADS, Profile, Shape, parse_budget, parse_share, parse_threshold};
 
 /// The default address of the page.
 const USUAL_ADDRESS: &str = "127.0.0.1:8080";
@@ -125,6 +125,9 @@ pub struct Arguments {
     /// that bends along one direction, as a label on a can or a page does
     #[arg(long, value_enum, default_value = "any", value_name = "SHAPE")]
     pub surface: Shape,
+    /// Threads that search a frame together [default: one a processor, at most 8]
+    #[arg(long, value_parser = clap::value_parser!(u8).range(1..=MAX_THREADS as i64))]
+    pub threads: Option<u8>,
     /// Search all of a frame for all of the models whenever it is searched
     #[arg(long)]
     pub thorough: bool,

@@ -91,6 +91,7 @@ use crate::learn::{Learned, Plan};
 use crate::notice::{has_colours, is_quiet};
 use crate::output::{plain, print_line, write_file};
 use crate::picture::Picture;
+use crate::run::default_threads;
 use crate::search::{Profile, Request, depth_of};
 use arguments::{Arguments, Lesson};
 use lesson::{Errand, learn};
@@ -171,6 +172,7 @@ pub fn camera(arguments: &Arguments) -> Result<()> {
         shape: arguments.surface,
         region: arguments.look.roi,
         mirror: arguments.look.mirror,
+        threads: arguments.threads.map_or_else(default_threads, usize::from),
         ..Request::new(arguments.profile, arguments.threshold)
     };
     let searched = search_frames(&live, wanted, space, |outcome| {

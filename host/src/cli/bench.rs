@@ -9,7 +9,7 @@ use keygraph::input::Source;
 use keygraph::learn::Preset;
 use keygraph::output::print_line;
 use keygraph::picture::Picture;
-use keygraph::search::{Profile, Request, depth_of};
+use keygraph::search::{MAX_THREADS, Profile, Request, depth_of};
 use keygraph::{report, words};
 use keygraph_core::DEFAULT_THRESHOLD;
 
@@ -36,6 +36,9 @@ pub struct Arguments {
     /// Maximum number of frames of a pass; they are held in memory
     #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u16).range(1..))]
     frames: u16,
+    /// Threads that search a frame together; the digest does not depend on them
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=MAX_THREADS as i64))]
+    threads: u8,
     /// Also measure following from frame to frame
     #[arg(long)]
     track: bool,
@@ -69,7 +72,11 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         .map(|f| f.picture.with_context(|| f.source))
         .collect::<Result<_>>()?;
     let plan = Plan {
-        request: Request { depth: depth_of(arguments.thorough), ..Request::new(arguments.profile, DEFAULT_THRESHOLD) },
+        request: Request {
+            depth: depth_of(arguments.thorough),
+            threads: arguments.threads.into(),
+            ..Request::new(arguments.profile, DEFAULT_THRESHOLD)
+        },
         passes: usize::from(arguments.passes),
         track: arguments.track,
     };

@@ -159,10 +159,6 @@ pub fn run(mut arguments: Arguments) -> Result<ExitCode> {
 /// # Errors
 /// As [`run`].
 pub fn search(bytes: &[u8], paths: &[PathBuf], arguments: &Search) -> Result<ExitCode> {
-    if arguments.track && arguments.threads.are_many() {
-        let message = "--track works on one frame after the other: leave --threads out";
-        usage_error(ErrorKind::ArgumentConflict, message);
-    }
     let model = parse(bytes, paths)?;
     let optics = arguments.camera.optics()?;
     let calibration = arguments.camera.intrinsics(optics.as_ref())?.map(|intrinsics| {

@@ -84,7 +84,7 @@ enum Command {
     Explain(explain::Arguments),
     /// Measure the search: time by stage, memory by buffer, one digest
     ///
-    /// Searches the same frames again and again on one thread. Each pass must find what
+    /// Searches the same frames again and again, one after the other. Each pass must find what
     /// the first pass found. The digest stands for the output of all stages; it is the
     /// same on every machine.
     Bench(bench::Arguments),

@@ -3,10 +3,11 @@
 use keygraph::run::default_threads;
 use keygraph::search::MAX_THREADS;
 
-/// How many frames are searched at once.
+/// How many threads search.
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub struct Threads {
-    /// Frames searched at once [default: one a processor, at most 8]
+    /// Threads that search: each a frame, or several one where there are fewer frames [default: one a processor, at most
+    /// 8]
     #[arg(long, value_parser = clap::value_parser!(u8).range(1..=MAX_THREADS as i64))]
     threads: Option<u8>,
 }
@@ -15,11 +16,6 @@ impl Threads {
     /// The number of threads, that of the processors unless another was given.
     pub fn count(self) -> usize {
         self.threads.map_or_else(default_threads, usize::from)
-    }
-
-    /// Whether more than one thread was asked for.
-    pub fn are_many(self) -> bool {
-        self.threads.is_some_and(|n| n > 1)
     }
 }
 

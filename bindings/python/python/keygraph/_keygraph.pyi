@@ -168,6 +168,7 @@ class Detector:
         intrinsics: _Intrinsics | None = None,
         distortion: Sequence[float] | NDArray[Any] | None = None,
         fisheye: bool = False,
+        threads: int = 1,
         digests: bool = False,
     ) -> Detector: ...
     def detect(
@@ -203,6 +204,7 @@ class Tracker:
         intrinsics: _Intrinsics | None = None,
         distortion: Sequence[float] | NDArray[Any] | None = None,
         fisheye: bool = False,
+        threads: int = 1,
     ) -> Tracker: ...
     def track(
         self,
