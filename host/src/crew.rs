@@ -52,16 +52,16 @@ impl Drop for Busy<'_> {
 }
 
 impl Crew for Threads {
-    fn all(&self, work: &(dyn Fn() + Sync)) {
+    fn all(&self, mine: &mut dyn FnMut(), others: &(dyn Fn() + Sync)) {
         let free = self.others.saturating_sub(self.busy.load(Ordering::Relaxed));
         if free == 0 {
-            return work();
+            return mine();
         }
         self.pool.in_place_scope(|scope| {
             for _ in 0..free {
-                scope.spawn(|_| work());
+                scope.spawn(|_| others());
             }
-            work();
+            mine();
         });
     }
 
@@ -85,6 +85,7 @@ impl Crew for Threads {
 }
 
 #[cfg(test)]
+#[allow(clippy::panic, reason = "what is tested")]
 mod tests {
     use super::*;
     use std::sync::Mutex;
@@ -101,12 +102,13 @@ mod tests {
         let crew = crew(3).expect("threads");
         let left = Mutex::new((0..300).collect::<Vec<_>>());
         let done = Mutex::new(Vec::new());
-        crew.all(&|| {
+        let work = || {
             while let Some(n) = left.lock().expect("no panic").pop() {
                 thread::yield_now();
                 done.lock().expect("no panic").push((n, thread::current().id()));
             }
-        });
+        };
+        crew.all(&mut || work(), &work);
         let mut done = done.into_inner().expect("no panic");
         done.sort_by_key(|d| d.0);
         assert!(done.iter().map(|d| d.0).eq(0..300));
@@ -125,8 +127,9 @@ mod tests {
                 to_other.send(()).expect("the other listens");
                 met = of_other.recv().expect("the other answers");
                 // Meanwhile the others are busy, and work is not left to them.
-                let here = thread::current().id();
-                crew.all(&|| assert_eq!(thread::current().id(), here));
+                let mut called = false;
+                crew.all(&mut || called = true, &|| panic!("no other is free"));
+                assert!(called);
                 to_other.send(()).expect("the other listens");
             },
             &mut {
@@ -145,14 +148,23 @@ mod tests {
     #[test]
     #[should_panic(expected = "a piece failed")]
     fn a_panic_of_another_thread_is_told() {
-        let me = thread::current().id();
-        crew(2).expect("threads").all(&|| {
-            let start = std::time::Instant::now();
-            // The caller waits for the other, which fails.
-            while thread::current().id() == me && start.elapsed().as_millis() < 200 {
+        crew(2).expect("threads").all(&mut || {}, &|| panic!("a piece failed"));
+    }
+
+    #[test]
+    fn a_thread_that_failed_is_free_again() {
+        let crew = crew(4).expect("threads");
+        for _ in 0..9 {
+            let both = || crew.both(&mut || {}, &mut || panic!("it failed"));
+            assert!(std::panic::catch_unwind(std::panic::AssertUnwindSafe(both)).is_err());
+        }
+        let met = AtomicUsize::new(0);
+        let meet = || {
+            met.fetch_add(1, Ordering::Relaxed);
+            while met.load(Ordering::Relaxed) < 4 {
                 thread::yield_now();
             }
-            assert!(thread::current().id() == me, "a piece failed");
-        });
+        };
+        crew.all(&mut || meet(), &meet);
     }
 }

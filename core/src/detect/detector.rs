@@ -87,8 +87,9 @@ impl<P: Profile + ?Sized> Detector<P> {
         self.visible = visible;
     }
 
-    /// Sets the cores that share a search. The results do not depend on them. While others help, a search asks
-    /// [`Observer::goes_on`] less often: every few million instructions. The time of `verify` counts as `classify`.
+    /// Sets the cores that share a search. The results do not depend on them. [`Observer::goes_on`] is asked by the
+    /// caller's core as often as ever; another one that has begun with the finest level comes to its end. The time of
+    /// `verify` counts as `classify`.
     #[cfg(feature = "crew")]
     pub fn set_crew(&mut self, crew: Option<&'static dyn crate::Crew>) {
         self.buffers.set_crew(crew);

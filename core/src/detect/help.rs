@@ -36,24 +36,35 @@ pub(crate) struct Team {
 }
 
 impl Team {
-    /// Has `work` done for all of `range`, in pieces of `size`, by all cores that are free.
-    pub(crate) fn share(self, range: Range<usize>, size: usize, work: &(dyn Fn(Range<usize>) + Sync)) {
+    /// Has `work` done for all of `range`, in pieces of `size`, by all cores that are free. When `pace` says
+    /// so, they stop, and the rest is not done.
+    pub(crate) fn share(
+        self,
+        range: Range<usize>,
+        size: usize,
+        pace: &mut dyn Pace,
+        work: &(dyn Fn(Range<usize>) + Sync),
+    ) {
         #[cfg(feature = "crew")]
         {
             let next = core::sync::atomic::AtomicUsize::new(range.start);
-            self.crew.all(&|| {
-                loop {
-                    let start = next.fetch_add(size, Ordering::Relaxed);
-                    if start >= range.end {
-                        break;
-                    }
+            let take = || {
+                let start = next.fetch_add(size, Ordering::Relaxed);
+                if start < range.end {
                     work(start..range.end.min(start + size));
                 }
-            });
+                start < range.end
+            };
+            let mut mine = || {
+                while pace.goes_on() && take() {}
+                // Whoever comes now finds nothing.
+                next.store(range.end, Ordering::Relaxed);
+            };
+            self.crew.all(&mut mine, &|| while take() {});
         }
         #[cfg(not(feature = "crew"))]
         {
-            let _ = (range, size, work);
+            let _ = (range, size, pace, work);
             match self.nobody {}
         }
     }
@@ -136,8 +147,8 @@ impl Finder for Foresight<'_> {
     }
 }
 
-/// Number of keygraphs of a block: each core then works for some hundred microseconds.
-const BLOCK: usize = 512;
+/// Number of keygraphs of a block: most steps have one, since each makes the other cores start and end.
+const BLOCK: usize = 2048;
 
 /// Number of keygraphs that a core takes at a time: those beside each other read the same part of the model.
 const PIECE: usize = 16;
@@ -170,12 +181,12 @@ impl Block {
     }
 
     /// Makes the block hold keygraph `i`: has all cores find the matches of the keygraphs from `i` on, at most
-    /// up to `end`, by `matches`.
+    /// up to `end`, by `matches`. When `pace` stops them, what is held means nothing.
     pub(crate) fn hold(
         &mut self,
         team: Team,
-        i: u16,
-        end: u16,
+        (i, end): (u16, u16),
+        pace: &mut dyn Pace,
         matches: &(dyn Fn(u16) -> [Option<Weighed>; NEIGHBOURS] + Sync),
     ) {
         if self.keygraphs.contains(&i) {
@@ -183,7 +194,7 @@ impl Block {
         }
         self.keygraphs = i..end.min(i + id(BLOCK));
         let (first, cells) = (usize::from(i), &self.cells);
-        team.share(first..usize::from(self.keygraphs.end), PIECE, &|piece| {
+        team.share(first..usize::from(self.keygraphs.end), PIECE, pace, &|piece| {
             for i in piece {
                 for (cell, m) in cells[i - first].iter().zip(matches(id(i))) {
                     let held = m.map_or([0, 0], |(m, weight)| {
@@ -216,8 +227,9 @@ mod tests {
     struct Alone;
 
     impl Crew for Alone {
-        fn all(&self, work: &(dyn Fn() + Sync)) {
-            work();
+        fn all(&self, mine: &mut dyn FnMut(), others: &(dyn Fn() + Sync)) {
+            mine();
+            others();
         }
 
         fn both(&self, mine: &mut dyn FnMut(), other: &mut (dyn FnMut() + Send)) {
@@ -234,15 +246,15 @@ mod tests {
             let m = |n: u16| Match { keygraph: 70_000 + u32::from(i), distance: i * n };
             [(i & 3 > 0).then(|| (m(1), Some(16))), (i & 3 > 1).then(|| (m(2), None))]
         };
-        for first in [0, 512, 1024] {
-            block.hold(team, first, 1030, &of);
-            (first..1030.min(first + 512)).for_each(|i| assert_eq!(block.get(i), of(i), "{first}: {i}"));
+        for first in [0, 2048, 4096] {
+            block.hold(team, (first, 5000), &mut Steady, &of);
+            (first..5000.min(first + 2048)).for_each(|i| assert_eq!(block.get(i), of(i), "{first}: {i}"));
         }
         // What is held is not looked for again, until it is forgotten.
-        block.hold(team, 1025, 1030, &|_| [None; NEIGHBOURS]);
-        assert_eq!(block.get(1025), of(1025));
+        block.hold(team, (4097, 5000), &mut Steady, &|_| [None; NEIGHBOURS]);
+        assert_eq!(block.get(4097), of(4097));
         block.clear();
-        block.hold(team, 1025, 1030, &|_| [None; NEIGHBOURS]);
-        assert_eq!(block.get(1025), [None; NEIGHBOURS]);
+        block.hold(team, (4097, 5000), &mut Steady, &|_| [None; NEIGHBOURS]);
+        assert_eq!(block.get(4097), [None; NEIGHBOURS]);
     }
 }

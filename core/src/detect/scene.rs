@@ -17,6 +17,7 @@ use crate::base::pace::Pace;
 use crate::base::sort::sort_by_key;
 use crate::detect::detection::{Detection, is_inside};
 use crate::detect::finder::Finder;
+use crate::detect::help::Team;
 use crate::detect::observer::{Laps, Output, Tally};
 use crate::detect::tile::Tile;
 use crate::extract::corners::Corner;
@@ -161,24 +162,35 @@ impl Scene<'_> {
     /// Brings the keygraphs from index `first` on into the order of the partition, and extracts their
     /// features.
     #[inline(never)]
-    pub(crate) fn extract_features(&mut self, first: usize, context: &mut Context<'_, '_>) {
+    pub(crate) fn extract_features(&mut self, first: usize, team: Option<Team>, context: &mut Context<'_, '_>) {
         let model = context.model;
         sort_by_key(&mut self.keygraphs[first..], |k| (k.key.cell(), k.size, k.vertices), context.laps);
+        let Self { pyramid, points, keygraphs, features, .. } = self;
+        let of = |k: &Keygraph| {
+            let vertices = k.vertices.map(|v| points[usize::from(v)]);
+            extract(pyramid, k.level.into(), vertices, k.size, model.feature(), model.method().sampling())
+        };
         let mut done = first;
-        for (k, f) in self.keygraphs.iter().zip(&mut *self.features).skip(first) {
-            if !context.laps.goes_on() {
-                break;
+        let mut mine = |keygraphs: &[Keygraph], features: &mut [Feature]| {
+            for (k, f) in keygraphs.iter().zip(features) {
+                if !context.laps.goes_on() {
+                    break;
+                }
+                done += 1;
+                *f = of(k);
             }
-            done += 1;
-            let points = k.vertices.map(|v| self.points[usize::from(v)]);
-            *f = extract(
-                &self.pyramid,
-                usize::from(k.level),
-                points,
-                k.size,
-                model.feature(),
-                model.method().sampling(),
-            );
+        };
+        match team {
+            Some(team) => {
+                let half = first.midpoint(keygraphs.len());
+                let (near, far) = features.split_at_mut(half);
+                let mut other = || keygraphs[half..].iter().zip(&mut *far).for_each(|(k, f)| *f = of(k));
+                team.crew.both(&mut || mine(&keygraphs[first..half], &mut near[first..]), &mut other);
+                if done == half {
+                    done = keygraphs.len();
+                }
+            }
+            None => mine(&keygraphs[first..], &mut features[first..]),
         }
         // Keygraphs without features are left out.
         self.keygraphs.truncate(done);

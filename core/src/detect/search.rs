@@ -193,7 +193,8 @@ impl Search<'_, '_> {
                 if more { Piece::Level(level + 1) } else { Piece::Features }
             }
             Piece::Features => {
-                self.scene.extract_features(usize::from(at.coarse), &mut self.context);
+                let team = self.hands.as_ref().map(|hands| hands.0);
+                self.scene.extract_features(usize::from(at.coarse), team, &mut self.context);
                 if at.has_finest {
                     Piece::Chunk(at.coarse)
                 } else {
@@ -346,7 +347,7 @@ impl Search<'_, '_> {
     fn share_matches(&mut self, step: &Step, first: usize, end: usize) {
         let (scene, model, found) = (&self.scene, self.context.model, &self.findings.detections);
         let Some((team, block)) = &mut self.hands else { return };
-        block.hold(*team, id(first), id(end), &|i| {
+        block.hold(*team, (id(first), id(end)), self.context.laps, &|i| {
             let weighed = |m| (m, weight_of(scene, model, &corresponding(scene, model, i, m)));
             nearest(scene, model, step, found, i).map(|m| m.map(weighed))
         });
