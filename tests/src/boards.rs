@@ -5,11 +5,10 @@
 //! file, and writes the file if it is told to. Cost: negligible.
 
 use std::fmt::Write;
-use std::mem::size_of;
 use std::sync::LazyLock;
 
 use keygraph::learn::Preset;
-use keygraph_core::{HdDetector, QqvgaDetector, QvgaDetector, VgaDetector};
+use keygraph::search::Profile as Size;
 use serde_json::Value;
 
 /// Figures that `scripts/board --renew` measured on the emulated boards (qqvga on the Cortex-M4,
@@ -74,10 +73,10 @@ impl Profile {
 
 /// All profiles, smallest first.
 pub const PROFILES: [Profile; 4] = [
-    Profile { name: "qqvga", frame: (160, 120), detector: size_of::<QqvgaDetector>() },
-    Profile { name: "qvga", frame: (320, 240), detector: size_of::<QvgaDetector>() },
-    Profile { name: "vga", frame: (640, 480), detector: size_of::<VgaDetector>() },
-    Profile { name: "hd", frame: (1280, 720), detector: size_of::<HdDetector>() },
+    Profile { name: "qqvga", frame: (160, 120), detector: Size::Qqvga.memory().0 },
+    Profile { name: "qvga", frame: (320, 240), detector: Size::Qvga.memory().0 },
+    Profile { name: "vga", frame: (640, 480), detector: Size::Vga.memory().0 },
+    Profile { name: "hd", frame: (1280, 720), detector: Size::Hd.memory().0 },
 ];
 
 /// A board with the figures of its maker.

@@ -2,12 +2,12 @@
 #![allow(clippy::unwrap_used)]
 
 use std::fs;
-use std::mem::size_of;
 use std::path::Path;
 
 use keygraph::input::read_picture;
 use keygraph::learn::{Preset, train};
-use keygraph_core::{HdDetector, Model, QqvgaDetector, QvgaDetector, VgaDetector};
+use keygraph::search::Profile as Size;
+use keygraph_core::Model;
 use keygraph_tests::file;
 
 /// Maximum number of lines of the README.
@@ -45,10 +45,10 @@ fn the_readme_is_short() {
 #[test]
 fn sizes_of_the_detectors() {
     let profiles = [
-        ("qqvga", 160, 120, size_of::<QqvgaDetector>()),
-        ("qvga", 320, 240, size_of::<QvgaDetector>()),
-        ("vga", 640, 480, size_of::<VgaDetector>()),
-        ("hd", 1280, 720, size_of::<HdDetector>()),
+        ("qqvga", 160, 120, Size::Qqvga.memory().0),
+        ("qvga", 320, 240, Size::Qvga.memory().0),
+        ("vga", 640, 480, Size::Vga.memory().0),
+        ("hd", 1280, 720, Size::Hd.memory().0),
     ];
     let rows: Vec<String> = profiles
         .iter()

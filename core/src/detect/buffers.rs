@@ -12,10 +12,12 @@ use core::mem::size_of;
 use heapless::{Vec, VecView};
 
 use crate::base::capacity::{Buffer, FEATURE_BYTES, LEVELS, Room, chroma_bytes, luma_bytes, pixels_of};
+#[cfg(feature = "crew")]
+use crate::base::crew::{Crew, Team};
 use crate::base::geometry::Point;
 use crate::detect::help::Help;
 #[cfg(feature = "crew")]
-use crate::detect::help::{Ahead, Block, Foreseen, Team};
+use crate::detect::help::{Ahead, Block, Foreseen};
 use crate::detect::hough::Bin;
 use crate::detect::observer::Tally;
 use crate::detect::pose::{MAX_CORNERS, Pair};
@@ -274,7 +276,7 @@ pub trait Lend {
     fn show(&self) -> Shown<'_>;
     /// Sets the cores that share a search.
     #[cfg(feature = "crew")]
-    fn set_crew(&mut self, crew: Option<&'static dyn crate::Crew>);
+    fn set_crew(&mut self, crew: Option<&'static dyn Crew>);
 }
 
 impl<
@@ -319,7 +321,7 @@ impl<
     }
 
     #[cfg(feature = "crew")]
-    fn set_crew(&mut self, crew: Option<&'static dyn crate::Crew>) {
+    fn set_crew(&mut self, crew: Option<&'static dyn Crew>) {
         self.aside.team = crew.map(|crew| Team { crew });
     }
 

@@ -8,6 +8,9 @@
 //! Full: each stage counts what it dropped in [`Stats`].
 
 use crate::base::capacity::{Buffer, LEVELS, Room, Stage};
+#[cfg(feature = "crew")]
+use crate::base::crew::Crew;
+use crate::base::crew::Team;
 use crate::base::pace::Steady;
 use crate::detect::buffers::{Buffers, Hd, Lent, Limits, Profile, Qqvga, Qvga, Vga};
 use crate::detect::detection::Detection;
@@ -91,7 +94,7 @@ impl<P: Profile + ?Sized> Detector<P> {
     /// caller's core as often as ever; another one that has begun with the finest level comes to its end. The time of
     /// `verify` counts as `classify`.
     #[cfg(feature = "crew")]
-    pub fn set_crew(&mut self, crew: Option<&'static dyn crate::Crew>) {
+    pub fn set_crew(&mut self, crew: Option<&'static dyn Crew>) {
         self.buffers.set_crew(crew);
     }
 
@@ -231,9 +234,9 @@ impl<P: Profile + ?Sized> Detector<P> {
     fn load(&mut self, frame: &Frame<'_>, laps: &mut Laps<'_>) -> Result<(), FrameError> {
         let limits = self.buffers.limits();
         self.loads = self.loads.wrapping_add(1);
-        let Lent { pyramid, tally, .. } = cleared(self.buffers.lend());
+        let Lent { pyramid, tally, help, .. } = cleared(self.buffers.lend());
         check(frame, limits, &pyramid)?;
-        load(pyramid, tally, frame, laps)
+        load(pyramid, tally, frame, help.map(|help| help.team), laps)
     }
 
     fn run(
@@ -499,9 +502,10 @@ fn load(
     mut pyramid: PyramidMut<'_>,
     tally: &mut Tally,
     frame: &Frame<'_>,
+    team: Option<Team>,
     laps: &mut Laps<'_>,
 ) -> Result<(), FrameError> {
-    pyramid.load_at(frame, laps)?;
+    pyramid.load_at(frame, team, laps)?;
     laps.end(tally, Output::Planes(pyramid.view()));
     pyramid.reduce_at(laps);
     let pyramid = pyramid.into_view();

@@ -6,8 +6,7 @@
 //! them: its results are the same to the bit.
 //!
 //! Memory: a second set of rows, corners, triples and mesh, and 16 bytes for each keygraph of a block.
-//! Without the feature `crew` none: [`Team`] is then a type without a value, and what needs one is not
-//! compiled. Cost: corners and triangles that were found in vain where the levels above the finest show
+//! Without the feature `crew` none. Cost: corners and triangles that were found in vain where the levels above the finest show
 //! the object. Full: as the stages.
 
 use core::ops::Range;
@@ -16,7 +15,7 @@ use core::sync::atomic::{AtomicU32, Ordering};
 use heapless::VecView;
 
 use crate::base::capacity::{StageStats, id};
-use crate::base::crew::Crew;
+use crate::base::crew::Team;
 use crate::base::geometry::Point;
 use crate::base::pace::{Pace, Steady};
 use crate::detect::classify::{Match, NEIGHBOURS};
@@ -25,50 +24,6 @@ use crate::extract::corners::Corner;
 use crate::extract::delaunay::{Triple, Workspace};
 use crate::image::plane::Plane;
 use crate::model::method::Parameters;
-
-/// A crew. Without the feature there is none.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Team {
-    #[cfg(not(feature = "crew"))]
-    nobody: core::convert::Infallible,
-    /// The crew itself.
-    pub(crate) crew: &'static dyn Crew,
-}
-
-impl Team {
-    /// Has `work` done for all of `range`, in pieces of `size`, by all cores that are free. When `pace` says
-    /// so, they stop, and the rest is not done.
-    pub(crate) fn share(
-        self,
-        range: Range<usize>,
-        size: usize,
-        pace: &mut dyn Pace,
-        work: &(dyn Fn(Range<usize>) + Sync),
-    ) {
-        #[cfg(feature = "crew")]
-        {
-            let next = core::sync::atomic::AtomicUsize::new(range.start);
-            let take = || {
-                let start = next.fetch_add(size, Ordering::Relaxed);
-                if start < range.end {
-                    work(start..range.end.min(start + size));
-                }
-                start < range.end
-            };
-            let mut mine = || {
-                while pace.goes_on() && take() {}
-                // Whoever comes now finds nothing.
-                next.store(range.end, Ordering::Relaxed);
-            };
-            self.crew.all(&mut mine, &|| while take() {});
-        }
-        #[cfg(not(feature = "crew"))]
-        {
-            let _ = (range, size, pace, work);
-            match self.nobody {}
-        }
-    }
-}
 
 /// What a search needs to be helped.
 #[derive(Debug)]
@@ -221,6 +176,7 @@ impl Block {
 #[cfg(all(test, feature = "crew"))]
 mod tests {
     use super::*;
+    use crate::base::crew::Crew;
 
     /// A crew of one: does everything itself.
     #[derive(Debug)]

@@ -12,12 +12,12 @@ use core::ops::Range;
 use heapless::VecView;
 
 use crate::base::capacity::{Buffer, LEVELS, Stage, StageStats, count, id};
+use crate::base::crew::Team;
 use crate::base::geometry::Point;
 use crate::base::pace::Pace;
 use crate::base::sort::sort_by_key;
 use crate::detect::detection::{Detection, is_inside};
 use crate::detect::finder::Finder;
-use crate::detect::help::Team;
 use crate::detect::observer::{Laps, Output, Tally};
 use crate::detect::tile::Tile;
 use crate::extract::corners::Corner;

@@ -15,6 +15,7 @@ use core::ops::Range;
 use heapless::{Vec, VecView};
 
 use crate::base::capacity::{Buffer, CANDIDATES, LEVELS, Stage, StageStats, count, id};
+use crate::base::crew::Team;
 use crate::base::geometry::{Homography, Point, area};
 use crate::base::math;
 use crate::base::pace::Pace;
@@ -26,7 +27,7 @@ use crate::detect::classify::{Match, NEIGHBOURS, Nearest, classify};
 use crate::detect::detection::{Detection, Detections};
 use crate::detect::evidence::{self, is_found, weigh};
 use crate::detect::finder::Finder;
-use crate::detect::help::{Block, Team};
+use crate::detect::help::Block;
 use crate::detect::hough::{self, Bin, Candidate};
 use crate::detect::observer::Output;
 use crate::detect::plan::{Levels, Plan, Settle, Step, When};
