@@ -547,7 +547,7 @@ fn advance(
         let mut more = true;
         let mut mine = || {
             more = search.advance(plan, place, &mut ours);
-            while more && !place.is_past_gathering() {
+            while more && !place.needs_finest() && (all || !place.decides()) {
                 more = search.advance(plan, place, &mut ours);
             }
         };

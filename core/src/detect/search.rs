@@ -158,9 +158,14 @@ impl Place {
         self.next == Self::START.next && self.tiles == 0
     }
 
-    /// Whether the search has come to its first decision, or needs the finest level.
-    pub(crate) fn is_past_gathering(&self) -> bool {
-        matches!(self.next, Piece::Candidates | Piece::Level(FINEST) | Piece::End)
+    /// Whether a decision comes next.
+    pub(crate) fn decides(&self) -> bool {
+        self.next == Piece::Candidates
+    }
+
+    /// Whether the finest level comes next.
+    pub(crate) fn needs_finest(&self) -> bool {
+        self.next == Piece::Level(FINEST)
     }
 }
 
