@@ -52,10 +52,11 @@ impl Drop for Busy<'_> {
 }
 
 impl Crew for Threads {
-    fn all(&self, mine: &mut dyn FnMut(), others: &(dyn Fn() + Sync)) {
+    fn all(&self, mine: &mut dyn FnMut(), others: &(dyn Fn() + Sync)) -> bool {
         let free = self.others.saturating_sub(self.busy.load(Ordering::Relaxed));
         if free == 0 {
-            return mine();
+            mine();
+            return false;
         }
         self.pool.in_place_scope(|scope| {
             for _ in 0..free {
@@ -63,6 +64,7 @@ impl Crew for Threads {
             }
             mine();
         });
+        true
     }
 
     fn both(&self, mine: &mut dyn FnMut(), other: &mut (dyn FnMut() + Send)) {
@@ -108,7 +110,7 @@ mod tests {
                 done.lock().expect("no panic").push((n, thread::current().id()));
             }
         };
-        crew.all(&mut || work(), &work);
+        assert!(crew.all(&mut || work(), &work));
         let mut done = done.into_inner().expect("no panic");
         done.sort_by_key(|d| d.0);
         assert!(done.iter().map(|d| d.0).eq(0..300));
@@ -128,8 +130,8 @@ mod tests {
                 met = of_other.recv().expect("the other answers");
                 // Meanwhile the others are busy, and work is not left to them.
                 let mut called = false;
-                crew.all(&mut || called = true, &|| panic!("no other is free"));
-                assert!(called);
+                let free = crew.all(&mut || called = true, &|| panic!("no other is free"));
+                assert!(called && !free);
                 to_other.send(()).expect("the other listens");
             },
             &mut {
@@ -165,6 +167,6 @@ mod tests {
                 thread::yield_now();
             }
         };
-        crew.all(&mut || meet(), &meet);
+        assert!(crew.all(&mut || meet(), &meet));
     }
 }

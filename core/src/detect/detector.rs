@@ -482,6 +482,7 @@ fn cleared(mut lent: Lent<'_>) -> Lent<'_> {
     lent.votes.clear();
     if let Some(help) = &mut lent.help {
         *help.ahead.foreseen = None;
+        help.block.begin();
     }
     lent
 }

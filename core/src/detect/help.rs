@@ -105,6 +105,9 @@ impl Finder for Foresight<'_> {
 /// Number of keygraphs of a block: most steps have one, since each makes the other cores start and end.
 const BLOCK: usize = 2048;
 
+/// Number of keygraphs of a block while no other core is free: one may be soon.
+const SMALL: u16 = 128;
+
 /// Number of keygraphs that a core takes at a time: those beside each other read the same part of the model.
 const PIECE: usize = 16;
 
@@ -115,6 +118,8 @@ pub(crate) type Weighed = (Match, Option<u8>);
 #[derive(Debug)]
 pub(crate) struct Block {
     keygraphs: Range<u16>,
+    /// Whether others helped with it.
+    is_shared: bool,
     /// For each keygraph and neighbour: the model keygraph; distance, [`HELD`], and the weight or 0.
     cells: [[[AtomicU32; 2]; NEIGHBOURS]; BLOCK],
 }
@@ -127,7 +132,13 @@ impl Block {
     #[cfg(feature = "crew")]
     pub(crate) const fn new() -> Self {
         let cells = [const { [const { [const { AtomicU32::new(0) }; 2] }; NEIGHBOURS] }; BLOCK];
-        Self { keygraphs: 0..0, cells }
+        Self { keygraphs: 0..0, is_shared: false, cells }
+    }
+
+    /// Begins a search: the other cores may have something else to do at first.
+    pub(crate) fn begin(&mut self) {
+        self.clear();
+        self.is_shared = false;
     }
 
     /// Forgets the matches, before a step that compares other keygraphs, or other parts of the model.
@@ -147,9 +158,9 @@ impl Block {
         if self.keygraphs.contains(&i) {
             return;
         }
-        self.keygraphs = i..end.min(i + id(BLOCK));
+        self.keygraphs = i..end.min(i + if self.is_shared { id(BLOCK) } else { SMALL });
         let (first, cells) = (usize::from(i), &self.cells);
-        team.share(first..usize::from(self.keygraphs.end), PIECE, pace, &|piece| {
+        self.is_shared = team.share(first..usize::from(self.keygraphs.end), PIECE, pace, &|piece| {
             for i in piece {
                 for (cell, m) in cells[i - first].iter().zip(matches(id(i))) {
                     let held = m.map_or([0, 0], |(m, weight)| {
@@ -183,9 +194,10 @@ mod tests {
     struct Alone;
 
     impl Crew for Alone {
-        fn all(&self, mine: &mut dyn FnMut(), others: &(dyn Fn() + Sync)) {
+        fn all(&self, mine: &mut dyn FnMut(), others: &(dyn Fn() + Sync)) -> bool {
             mine();
             others();
+            true
         }
 
         fn both(&self, mine: &mut dyn FnMut(), other: &mut (dyn FnMut() + Send)) {
@@ -202,15 +214,17 @@ mod tests {
             let m = |n: u16| Match { keygraph: 70_000 + u32::from(i), distance: i * n };
             [(i & 3 > 0).then(|| (m(1), Some(16))), (i & 3 > 1).then(|| (m(2), None))]
         };
-        for first in [0, 2048, 4096] {
+        // The first is small, since nobody has helped before.
+        for (first, end) in [(0, 128), (128, 2176), (2176, 4224), (4224, 5000)] {
             block.hold(team, (first, 5000), &mut Steady, &of);
-            (first..5000.min(first + 2048)).for_each(|i| assert_eq!(block.get(i), of(i), "{first}: {i}"));
+            (first..end).for_each(|i| assert_eq!(block.get(i), of(i), "{first}: {i}"));
+            assert!(!block.keygraphs.contains(&end));
         }
         // What is held is not looked for again, until it is forgotten.
-        block.hold(team, (4097, 5000), &mut Steady, &|_| [None; NEIGHBOURS]);
-        assert_eq!(block.get(4097), of(4097));
+        block.hold(team, (4225, 5000), &mut Steady, &|_| [None; NEIGHBOURS]);
+        assert_eq!(block.get(4225), of(4225));
         block.clear();
-        block.hold(team, (4097, 5000), &mut Steady, &|_| [None; NEIGHBOURS]);
-        assert_eq!(block.get(4097), [None; NEIGHBOURS]);
+        block.hold(team, (4225, 5000), &mut Steady, &|_| [None; NEIGHBOURS]);
+        assert_eq!(block.get(4225), [None; NEIGHBOURS]);
     }
 }
