@@ -40,6 +40,11 @@ impl Threads {
         let pool = ThreadPoolBuilder::new().num_threads(others).thread_name(named).build().ok()?;
         Some(Self { pool, others, busy: AtomicUsize::new(0) })
     }
+
+    /// Number of threads that wait for work.
+    fn free(&self) -> usize {
+        self.others.saturating_sub(self.busy.load(Ordering::Relaxed))
+    }
 }
 
 /// Counts a thread as busy for as long as it lives.
@@ -52,19 +57,17 @@ impl Drop for Busy<'_> {
 }
 
 impl Crew for Threads {
-    fn all(&self, mine: &mut dyn FnMut(), others: &(dyn Fn() + Sync)) -> bool {
-        let free = self.others.saturating_sub(self.busy.load(Ordering::Relaxed));
-        if free == 0 {
-            mine();
-            return false;
-        }
+    fn is_free(&self) -> bool {
+        self.free() > 0
+    }
+
+    fn all(&self, mine: &mut dyn FnMut(), others: &(dyn Fn() + Sync)) {
         self.pool.in_place_scope(|scope| {
-            for _ in 0..free {
+            for _ in 0..self.free() {
                 scope.spawn(|_| others());
             }
             mine();
         });
-        true
     }
 
     fn both(&self, mine: &mut dyn FnMut(), other: &mut (dyn FnMut() + Send)) {
@@ -110,7 +113,8 @@ mod tests {
                 done.lock().expect("no panic").push((n, thread::current().id()));
             }
         };
-        assert!(crew.all(&mut || work(), &work));
+        assert!(crew.is_free());
+        crew.all(&mut || work(), &work);
         let mut done = done.into_inner().expect("no panic");
         done.sort_by_key(|d| d.0);
         assert!(done.iter().map(|d| d.0).eq(0..300));
@@ -130,8 +134,8 @@ mod tests {
                 met = of_other.recv().expect("the other answers");
                 // Meanwhile the others are busy, and work is not left to them.
                 let mut called = false;
-                let free = crew.all(&mut || called = true, &|| panic!("no other is free"));
-                assert!(called && !free);
+                crew.all(&mut || called = true, &|| panic!("no other is free"));
+                assert!(called && !crew.is_free());
                 to_other.send(()).expect("the other listens");
             },
             &mut {
@@ -167,6 +171,6 @@ mod tests {
                 thread::yield_now();
             }
         };
-        assert!(crew.all(&mut || meet(), &meet));
+        crew.all(&mut || meet(), &meet);
     }
 }

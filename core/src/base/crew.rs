@@ -13,10 +13,13 @@ use crate::base::pace::Pace;
 
 /// Cores that share the work of one search, with the feature `crew`: `Detector::set_crew`.
 pub trait Crew: Sync + core::fmt::Debug {
+    /// Whether another core is free now.
+    fn is_free(&self) -> bool;
+
     /// Calls `mine` on the caller's core, and `others` on every other core that is free. Each call takes
     /// parts of what is to be done until nothing is left; `mine` alone would do it all. Returns when all calls
-    /// have returned, and tells whether another core was free.
-    fn all(&self, mine: &mut dyn FnMut(), others: &(dyn Fn() + Sync)) -> bool;
+    /// have returned.
+    fn all(&self, mine: &mut dyn FnMut(), others: &(dyn Fn() + Sync));
 
     /// Does `mine` on the caller's core, and `other` on another one meanwhile; one after the other when no
     /// other core is free. Returns when both are done.
@@ -34,14 +37,14 @@ pub(crate) struct Team {
 
 impl Team {
     /// Has `work` done for all of `range`, in pieces of `size`, by all cores that are free. When `pace` says
-    /// so, they stop, and the rest is not done. Returns whether another core was free.
+    /// so, they stop, and the rest is not done.
     pub(crate) fn share(
         self,
         range: Range<usize>,
         size: usize,
         pace: &mut dyn Pace,
         work: &(dyn Fn(Range<usize>) + Sync),
-    ) -> bool {
+    ) {
         #[cfg(feature = "crew")]
         {
             let next = AtomicUsize::new(range.start);
@@ -57,7 +60,7 @@ impl Team {
                 // Whoever comes now finds nothing.
                 next.store(range.end, Ordering::Relaxed);
             };
-            self.crew.all(&mut mine, &|| while take() {})
+            self.crew.all(&mut mine, &|| while take() {});
         }
         #[cfg(not(feature = "crew"))]
         {

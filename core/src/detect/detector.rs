@@ -10,7 +10,6 @@
 use crate::base::capacity::{Buffer, LEVELS, Room, Stage};
 #[cfg(feature = "crew")]
 use crate::base::crew::Crew;
-use crate::base::crew::Team;
 use crate::base::pace::Steady;
 use crate::detect::buffers::{Buffers, Hd, Lent, Limits, Profile, Qqvga, Qvga, Vga};
 use crate::detect::detection::Detection;
@@ -234,9 +233,9 @@ impl<P: Profile + ?Sized> Detector<P> {
     fn load(&mut self, frame: &Frame<'_>, laps: &mut Laps<'_>) -> Result<(), FrameError> {
         let limits = self.buffers.limits();
         self.loads = self.loads.wrapping_add(1);
-        let Lent { pyramid, tally, help, .. } = cleared(self.buffers.lend());
+        let Lent { pyramid, tally, .. } = cleared(self.buffers.lend());
         check(frame, limits, &pyramid)?;
-        load(pyramid, tally, frame, help.map(|help| help.team), laps)
+        load(pyramid, tally, frame, laps)
     }
 
     fn run(
@@ -482,7 +481,7 @@ fn cleared(mut lent: Lent<'_>) -> Lent<'_> {
     lent.votes.clear();
     if let Some(help) = &mut lent.help {
         *help.ahead.foreseen = None;
-        help.block.begin();
+        help.block.clear();
     }
     lent
 }
@@ -503,10 +502,9 @@ fn load(
     mut pyramid: PyramidMut<'_>,
     tally: &mut Tally,
     frame: &Frame<'_>,
-    team: Option<Team>,
     laps: &mut Laps<'_>,
 ) -> Result<(), FrameError> {
-    pyramid.load_at(frame, team, laps)?;
+    pyramid.load_at(frame, laps)?;
     laps.end(tally, Output::Planes(pyramid.view()));
     pyramid.reduce_at(laps);
     let pyramid = pyramid.into_view();

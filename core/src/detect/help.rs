@@ -105,8 +105,11 @@ impl Finder for Foresight<'_> {
 /// Number of keygraphs of a block: most steps have one, since each makes the other cores start and end.
 const BLOCK: usize = 2048;
 
-/// Number of keygraphs of a block while no other core is free: one may be soon.
-const SMALL: u16 = 128;
+/// Number of keygraphs that a core takes alone before it looks whether another one is free.
+const SMALL: usize = 128;
+
+/// Number of keygraphs below which it is not worth to make other cores start.
+const WORTH: usize = 256;
 
 /// Number of keygraphs that a core takes at a time: those beside each other read the same part of the model.
 const PIECE: usize = 16;
@@ -118,8 +121,6 @@ pub(crate) type Weighed = (Match, Option<u8>);
 #[derive(Debug)]
 pub(crate) struct Block {
     keygraphs: Range<u16>,
-    /// Whether others helped with it.
-    is_shared: bool,
     /// For each keygraph and neighbour: the model keygraph; distance, [`HELD`], and the weight or 0.
     cells: [[[AtomicU32; 2]; NEIGHBOURS]; BLOCK],
 }
@@ -132,13 +133,7 @@ impl Block {
     #[cfg(feature = "crew")]
     pub(crate) const fn new() -> Self {
         let cells = [const { [const { [const { AtomicU32::new(0) }; 2] }; NEIGHBOURS] }; BLOCK];
-        Self { keygraphs: 0..0, is_shared: false, cells }
-    }
-
-    /// Begins a search: the other cores may have something else to do at first.
-    pub(crate) fn begin(&mut self) {
-        self.clear();
-        self.is_shared = false;
+        Self { keygraphs: 0..0, cells }
     }
 
     /// Forgets the matches, before a step that compares other keygraphs, or other parts of the model.
@@ -158,9 +153,10 @@ impl Block {
         if self.keygraphs.contains(&i) {
             return;
         }
-        self.keygraphs = i..end.min(i + if self.is_shared { id(BLOCK) } else { SMALL });
+        let is_shared = usize::from(end - i) >= WORTH && team.crew.is_free();
+        self.keygraphs = i..end.min(i + id(if is_shared { BLOCK } else { SMALL }));
         let (first, cells) = (usize::from(i), &self.cells);
-        self.is_shared = team.share(first..usize::from(self.keygraphs.end), PIECE, pace, &|piece| {
+        let fill = |piece: Range<usize>| {
             for i in piece {
                 for (cell, m) in cells[i - first].iter().zip(matches(id(i))) {
                     let held = m.map_or([0, 0], |(m, weight)| {
@@ -169,7 +165,13 @@ impl Block {
                     cell.iter().zip(held).for_each(|(c, v)| c.store(v, Ordering::Relaxed));
                 }
             }
-        });
+        };
+        let all = first..self.keygraphs.end.into();
+        if is_shared {
+            team.share(all, PIECE, pace, &fill);
+        } else {
+            all.take_while(|_| pace.goes_on()).for_each(|i| fill(i..i + 1));
+        }
     }
 
     /// The matches of keygraph `i`, which the block must hold.
@@ -194,10 +196,13 @@ mod tests {
     struct Alone;
 
     impl Crew for Alone {
-        fn all(&self, mine: &mut dyn FnMut(), others: &(dyn Fn() + Sync)) -> bool {
+        fn is_free(&self) -> bool {
+            true
+        }
+
+        fn all(&self, mine: &mut dyn FnMut(), others: &(dyn Fn() + Sync)) {
             mine();
             others();
-            true
         }
 
         fn both(&self, mine: &mut dyn FnMut(), other: &mut (dyn FnMut() + Send)) {
@@ -214,17 +219,17 @@ mod tests {
             let m = |n: u16| Match { keygraph: 70_000 + u32::from(i), distance: i * n };
             [(i & 3 > 0).then(|| (m(1), Some(16))), (i & 3 > 1).then(|| (m(2), None))]
         };
-        // The first is small, since nobody has helped before.
-        for (first, end) in [(0, 128), (128, 2176), (2176, 4224), (4224, 5000)] {
-            block.hold(team, (first, 5000), &mut Steady, &of);
+        // The last ones are not worth the help of others.
+        for (first, end) in [(0, 2048), (2048, 4096), (4096, 4224), (4224, 4300)] {
+            block.hold(team, (first, 4300), &mut Steady, &of);
             (first..end).for_each(|i| assert_eq!(block.get(i), of(i), "{first}: {i}"));
             assert!(!block.keygraphs.contains(&end));
         }
         // What is held is not looked for again, until it is forgotten.
-        block.hold(team, (4225, 5000), &mut Steady, &|_| [None; NEIGHBOURS]);
+        block.hold(team, (4225, 4300), &mut Steady, &|_| [None; NEIGHBOURS]);
         assert_eq!(block.get(4225), of(4225));
         block.clear();
-        block.hold(team, (4225, 5000), &mut Steady, &|_| [None; NEIGHBOURS]);
+        block.hold(team, (4225, 4300), &mut Steady, &|_| [None; NEIGHBOURS]);
         assert_eq!(block.get(4225), [None; NEIGHBOURS]);
     }
 }

@@ -8,9 +8,6 @@
 //! Memory: none beyond the planes. No pixel is copied for a window or for a stride. Cost: one pass
 //! over the pixels.
 
-use core::ops::Range;
-
-use crate::base::crew::Team;
 use crate::base::geometry::Homography;
 use crate::base::pace::{Pace, Steady};
 use crate::base::says::says;
@@ -350,46 +347,30 @@ impl<'a> Frame<'a> {
     /// # Panics
     /// May panic when a slice is shorter than that.
     pub fn convert(&self, luma: &mut [u8], a: &mut [i8], b: &mut [i8]) {
-        self.convert_at((luma, [a, b]), None, &mut Steady);
+        self.convert_at(luma, a, b, &mut Steady);
     }
 
-    /// Converts the frame as [`Frame::convert`] does; with a team its halves at the same time.
-    pub(crate) fn convert_at(&self, planes: Planes<'_>, team: Option<Team>, pace: &mut dyn Pace) {
-        let (w, rows) = (self.width(), self.height.div_ceil(2));
-        let exposure = self.exposure(&mut planes.0[..w], pace);
-        let Some(team) = team else { return self.convert_rows(exposure, 0..rows, planes, pace) };
-        let half = rows / 2 / BAND * BAND;
-        let (luma, below) = planes.0.split_at_mut(2 * half * w);
-        let [(a, a_below), (b, b_below)] = planes.1.map(|plane| plane.split_at_mut(half * (w / 2)));
-        team.crew.both(&mut || self.convert_rows(exposure, 0..half, (luma, [a, b]), pace), &mut || {
-            self.convert_rows(exposure, half..rows, (below, [a_below, b_below]), &mut Steady);
-        });
-    }
-
-    /// Converts some rows of chroma, and those of luma with them, in bands. The planes begin with the first of them.
-    fn convert_rows(&self, exposure: Exposure, rows: Range<usize>, (luma, [a, b]): Planes<'_>, pace: &mut dyn Pace) {
+    /// Converts the frame as [`Frame::convert`] does, in bands of rows.
+    pub(crate) fn convert_at(&self, luma: &mut [u8], a: &mut [i8], b: &mut [i8], pace: &mut dyn Pace) {
         let (w, c) = (self.width(), self.width() / 2);
+        let exposure = self.exposure(&mut luma[..w], pace);
         let dark = 4 * exposure.under(DARK);
         // Each row of chroma stands for two rows of luma. An odd last row has luma alone.
-        for y in rows.clone().step_by(BAND) {
+        for y in (0..self.height.div_ceil(2)).step_by(BAND) {
             // The frame is converted to its end, so that what is known can be followed.
             pace.goes_on();
-            let chroma = y..(y + BAND).min(self.height / 2);
+            let rows = BAND.min(self.height / 2 - y);
             let height = (2 * BAND).min(self.height - 2 * y);
             let band = Window { x: 0, y: 2 * y, width: w, height };
-            let luma = &mut luma[2 * (y - rows.start) * w..][..height * w];
+            let luma = &mut luma[2 * y * w..][..height * w];
             self.read_luma(band, luma);
             exposure.apply(luma);
-            for y in chroma {
-                let at = (y - rows.start) * c;
-                (self.code.chroma)(&self.raster, y, dark, &mut a[at..][..c], &mut b[at..][..c]);
+            for y in y..y + rows {
+                (self.code.chroma)(&self.raster, y, dark, &mut a[y * c..][..c], &mut b[y * c..][..c]);
             }
         }
     }
 }
-
-/// Luma, and both planes of chroma, to write to.
-type Planes<'a> = (&'a mut [u8], [&'a mut [i8]; 2]);
 
 /// Number of rows of chroma that are converted at a time.
 const BAND: usize = 4;

@@ -9,7 +9,6 @@
 //! Full: this cannot happen, because a frame that does not fit is refused.
 
 use crate::base::capacity::{LEVELS, pixels_of};
-use crate::base::crew::Team;
 use crate::base::geometry::{Homography, Point};
 use crate::base::pace::{Pace, Steady};
 use crate::image::frame::{Frame, FrameError, MAX_SIDE, Window};
@@ -79,16 +78,11 @@ impl<'a> PyramidMut<'a> {
     /// # Errors
     /// Returns [`FrameError::TooLarge`] when the frame does not fit.
     pub fn load(&mut self, frame: &Frame<'_>) -> Result<(), FrameError> {
-        self.load_at(frame, None, &mut Steady)
+        self.load_at(frame, &mut Steady)
     }
 
     /// Converts a frame as [`PyramidMut::load`] does.
-    pub(crate) fn load_at(
-        &mut self,
-        frame: &Frame<'_>,
-        team: Option<Team>,
-        pace: &mut dyn Pace,
-    ) -> Result<(), FrameError> {
+    pub(crate) fn load_at(&mut self, frame: &Frame<'_>, pace: &mut dyn Pace) -> Result<(), FrameError> {
         let (w, h) = (frame.width(), frame.height());
         if !self.fits(w, h) {
             let (pixels, max_pixels) = (w * h, pixels_of(self.luma.len()));
@@ -96,7 +90,7 @@ impl<'a> PyramidMut<'a> {
         }
         *self.size = [w, h];
         let [a, b] = &mut self.chroma;
-        frame.convert_at((self.luma, [a, b]), team, pace);
+        frame.convert_at(self.luma, a, b, pace);
         Ok(())
     }
 
