@@ -4,6 +4,8 @@
 //! stacks of the threads, which are made at the first frame and kept; they wait when there is nothing to
 //! do. Cost: some microseconds each time that work is handed out.
 
+use std::iter;
+use std::process;
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -27,8 +29,10 @@ pub fn crew(threads: usize) -> Option<&'static dyn Crew> {
 struct Threads {
     pool: ThreadPool,
     others: usize,
-    /// Number of threads that do something which takes long.
+    /// Number of threads that have something to do.
     busy: AtomicUsize,
+    /// The process whose threads these are: a child that was forked has none of them.
+    process: u32,
 }
 
 impl Threads {
@@ -38,12 +42,23 @@ impl Threads {
         }
         let named = |i| format!("search {}", i + 2);
         let pool = ThreadPoolBuilder::new().num_threads(others).thread_name(named).build().ok()?;
-        Some(Self { pool, others, busy: AtomicUsize::new(0) })
+        Some(Self { pool, others, busy: AtomicUsize::new(0), process: process::id() })
     }
 
-    /// Number of threads that wait for work.
-    fn free(&self) -> usize {
-        self.others.saturating_sub(self.busy.load(Ordering::Relaxed))
+    /// Whether the caller may wait for these threads. A thread of another pool would do something else of that pool
+    /// meanwhile, and perhaps search with a detector that it holds already.
+    fn are_ours(&self) -> bool {
+        self.process == process::id() && rayon_core::current_thread_index().is_none()
+    }
+
+    /// Takes a thread that has nothing to do.
+    fn take(&self) -> Option<Busy<'_>> {
+        if !self.is_free() {
+            return None;
+        }
+        let before = self.busy.fetch_add(1, Ordering::Relaxed);
+        let busy = Busy(&self.busy);
+        (before < self.others).then_some(busy)
     }
 }
 
@@ -58,34 +73,34 @@ impl Drop for Busy<'_> {
 
 impl Crew for Threads {
     fn is_free(&self) -> bool {
-        self.free() > 0
+        self.busy.load(Ordering::Relaxed) < self.others && self.are_ours()
     }
 
     fn all(&self, mine: &mut dyn FnMut(), others: &(dyn Fn() + Sync)) {
+        let Some(first) = self.take() else { return mine() };
         self.pool.in_place_scope(|scope| {
-            for _ in 0..self.free() {
-                scope.spawn(|_| others());
+            for busy in iter::once(first).chain(iter::from_fn(|| self.take())) {
+                scope.spawn(move |_| {
+                    let _busy = busy;
+                    others();
+                });
             }
             mine();
         });
     }
 
     fn both(&self, mine: &mut dyn FnMut(), other: &mut (dyn FnMut() + Send)) {
-        let is_free = self.busy.fetch_add(1, Ordering::Relaxed) < self.others;
-        let busy = Busy(&self.busy);
-        if is_free {
-            self.pool.in_place_scope(|scope| {
-                scope.spawn(move |_| {
-                    let _busy = busy;
-                    other();
-                });
-                mine();
-            });
-        } else {
-            drop(busy);
+        let Some(busy) = self.take() else {
             mine();
-            other();
-        }
+            return other();
+        };
+        self.pool.in_place_scope(|scope| {
+            scope.spawn(move |_| {
+                let _busy = busy;
+                other();
+            });
+            mine();
+        });
     }
 }
 
@@ -93,8 +108,16 @@ impl Crew for Threads {
 #[allow(clippy::panic, reason = "what is tested")]
 mod tests {
     use super::*;
+    use std::panic::{AssertUnwindSafe, catch_unwind};
     use std::sync::Mutex;
+    use std::sync::mpsc::channel;
     use std::thread;
+    use std::time::{Duration, Instant};
+
+    /// Threads that no other test uses.
+    fn threads(others: usize) -> Threads {
+        Threads::new(others).expect("threads")
+    }
 
     #[test]
     fn one_thread_is_no_crew() {
@@ -104,13 +127,13 @@ mod tests {
 
     #[test]
     fn all_work_is_done_once_and_by_others_too() {
-        let crew = crew(3).expect("threads");
+        let crew = threads(2);
         let left = Mutex::new((0..300).collect::<Vec<_>>());
         let done = Mutex::new(Vec::new());
         let work = || {
             while let Some(n) = left.lock().expect("no panic").pop() {
-                thread::yield_now();
                 done.lock().expect("no panic").push((n, thread::current().id()));
+                thread::sleep(Duration::from_millis(1));
             }
         };
         assert!(crew.is_free());
@@ -123,9 +146,9 @@ mod tests {
 
     #[test]
     fn both_are_done_at_the_same_time() {
-        let crew = crew(2).expect("threads");
-        let (to_mine, of_other) = std::sync::mpsc::channel();
-        let (to_other, of_mine) = std::sync::mpsc::channel();
+        let crew = threads(1);
+        let (to_mine, of_other) = channel();
+        let (to_other, of_mine) = channel();
         // Each waits for the other.
         let mut met = 0;
         crew.both(
@@ -149,28 +172,45 @@ mod tests {
             },
         );
         assert_eq!(met, 7);
+        assert!(crew.is_free());
     }
 
     #[test]
     #[should_panic(expected = "a piece failed")]
     fn a_panic_of_another_thread_is_told() {
-        crew(2).expect("threads").all(&mut || {}, &|| panic!("a piece failed"));
+        threads(1).all(&mut || {}, &|| panic!("a piece failed"));
     }
 
     #[test]
     fn a_thread_that_failed_is_free_again() {
-        let crew = crew(4).expect("threads");
+        let crew = threads(3);
         for _ in 0..9 {
             let both = || crew.both(&mut || {}, &mut || panic!("it failed"));
-            assert!(std::panic::catch_unwind(std::panic::AssertUnwindSafe(both)).is_err());
+            assert!(catch_unwind(AssertUnwindSafe(both)).is_err());
         }
-        let met = AtomicUsize::new(0);
+        let (met, start) = (AtomicUsize::new(0), Instant::now());
         let meet = || {
             met.fetch_add(1, Ordering::Relaxed);
             while met.load(Ordering::Relaxed) < 4 {
+                assert!(start.elapsed().as_secs() < 60, "somebody is missing");
                 thread::yield_now();
             }
         };
         crew.all(&mut || meet(), &meet);
+    }
+
+    #[test]
+    fn threads_of_another_pool_work_alone() {
+        let (crew, pool) = (threads(1), threads(1));
+        pool.pool.in_place_scope(|scope| {
+            scope.spawn(|_| {
+                let mut done = 0;
+                assert!(!crew.is_free());
+                crew.all(&mut || done += 1, &|| panic!("there is no other"));
+                let here = thread::current().id();
+                crew.both(&mut || {}, &mut || assert_eq!(thread::current().id(), here));
+                assert_eq!(done, 1);
+            });
+        });
     }
 }

@@ -98,7 +98,10 @@ pub fn run(
     // When there are fewer pictures than threads, several threads search one of them.
     let pictures = source.len_hint().map_or(threads, |n| usize::try_from(n).unwrap_or(threads).clamp(1, threads));
     let sharing = if options.track { threads } else { threads / pictures };
-    let threads = threads / sharing;
+    // Those without a frame of their own help where they can.
+    let (helping, threads) = (threads, threads / sharing);
+    let request = Request { threads: helping - threads + 1, ..options.request };
+    let options = &Options { request, ..*options };
     let (jobs, queue) = channel::<(u64, Pending)>();
     let queue = Mutex::new(queue);
     let (done, outcomes) = channel();
@@ -196,7 +199,7 @@ fn search_one(
     let SourceFrame { source, frame, kind, time, picture, .. } = frame;
     let result = picture.and_then(|p| {
         let lens = options.optics.map(|o| o.of_size(p.width, p.height)).transpose().with_context(|| source.clone())?;
-        let request = Request { details: options.annotate, lens, threads: slots.len(), ..options.request };
+        let request = Request { details: options.annotate, lens, ..options.request };
         let found = match trail {
             Some(trail) => trail.next(sequence(&source, kind, (p.width, p.height)), &p, model, &request, slots.start),
             None => search_widely(&p, model, &request, slots),

@@ -123,8 +123,8 @@ fn answer<'py>(
 ///     distortion: Coefficients of the lens in OpenCV's order: 4, 5 or 8, or 4 with `fisheye`. Each detection then
 ///         has a `surface`, flat or bent, seen through the lens, and `pose()` takes it into account.
 ///     fisheye: Whether the coefficients are those of `cv2.fisheye`.
-///     threads: Threads that search a frame together, 1 to 8. The results are the same. A process that forks needs
-///         `threads=1`.
+///     threads: Threads that search a frame together, 1 to 8. The results are the same. In a child that was forked,
+///         one thread searches.
 ///     digests: Report a digest of each stage's output in `to_dict()`, to compare machines by.
 #[pyclass(frozen, module = "keygraph")]
 #[derive(Debug)]
@@ -282,8 +282,8 @@ struct Trail {
 ///     distortion: Coefficients of the lens in OpenCV's order: 4, 5 or 8, or 4 with `fisheye`. Each detection then
 ///         has a `surface`, flat or bent, seen through the lens, and `pose()` takes it into account.
 ///     fisheye: Whether the coefficients are those of `cv2.fisheye`.
-///     threads: Threads that search a frame together, 1 to 8. The results are the same. A process that forks needs
-///         `threads=1`.
+///     threads: Threads that search a frame together, 1 to 8. The results are the same. In a child that was forked,
+///         one thread searches.
 #[pyclass(frozen, module = "keygraph")]
 #[derive(Debug)]
 pub struct Tracker {

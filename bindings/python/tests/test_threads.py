@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import sys
 import threading
 import time
@@ -51,6 +53,16 @@ def test_several_threads_search_one_frame(model: keygraph.Model) -> None:
     alone, together = keygraph.Tracker(model), keygraph.Tracker(model, threads=3)
     for frame in FRAMES:
         assert timeless(together.track(frame).to_dict()) == timeless(alone.track(frame).to_dict())
+
+
+def test_a_forked_child_searches_alone(model: keygraph.Model) -> None:
+    detector = keygraph.Detector(model, threads=2)
+    expected = timeless(detector.detect(FRAMES[0]).to_dict())
+    child = os.fork()
+    if child == 0:
+        signal.alarm(60)  # a child that waits for threads which it does not have
+        os._exit(0 if timeless(detector.detect(FRAMES[0]).to_dict()) == expected else 1)
+    assert os.waitpid(child, 0)[1] == 0
 
 
 TRIES = 50

@@ -3,7 +3,7 @@
 //! In: pieces of work. Out: the same pieces, done. Who knows the cores (an operating system, the
 //! firmware of a chip with two) implements [`Crew`]; a search asks it where work can be shared. Results
 //! do not depend on who did what. Memory and cost: those of the caller's threads. Without the feature `crew`
-//! none: [`Team`] is then a type without a value, and what needs one is not compiled.
+//! nothing: [`Team`] is then a type without a value, and what needs one is not compiled.
 
 use core::ops::Range;
 #[cfg(feature = "crew")]
@@ -18,11 +18,11 @@ pub trait Crew: Sync + core::fmt::Debug {
 
     /// Calls `mine` on the caller's core, and `others` on every other core that is free. Each call takes
     /// parts of what is to be done until nothing is left; `mine` alone would do it all. Returns when all calls
-    /// have returned.
+    /// have returned: what they wrote can then be read on the caller's core.
     fn all(&self, mine: &mut dyn FnMut(), others: &(dyn Fn() + Sync));
 
     /// Does `mine` on the caller's core, and `other` on another one meanwhile; one after the other when no
-    /// other core is free. Returns when both are done.
+    /// other core is free. Returns when both are done, as above.
     fn both(&self, mine: &mut dyn FnMut(), other: &mut (dyn FnMut() + Send));
 }
 

@@ -322,7 +322,14 @@ impl<
 
     #[cfg(feature = "crew")]
     fn set_crew(&mut self, crew: Option<&'static dyn Crew>) {
-        self.aside.team = crew.map(|crew| Team { crew });
+        let Aside { team, foreseen, block, .. } = &mut self.aside;
+        let old = team.map(|team| core::ptr::from_ref(team.crew).cast::<()>());
+        if old != crew.map(|crew| core::ptr::from_ref(crew).cast()) {
+            // What was found before is of another frame by now, perhaps.
+            *foreseen = None;
+            block.clear();
+        }
+        *team = crew.map(|crew| Team { crew });
     }
 
     fn show(&self) -> Shown<'_> {

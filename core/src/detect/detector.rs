@@ -23,7 +23,7 @@ use crate::detect::scene::{Context, FINEST, Scene, span, vertices};
 use crate::detect::search::{Place, Search};
 use crate::detect::surface::{self, Eye, Known, Surface};
 use crate::extract::corners::SCRATCH_ROWS;
-use crate::image::frame::{Frame, FrameError, Window};
+use crate::image::frame::{Frame, FrameError, MIN_SIDE, Window};
 use crate::image::pyramid::{PyramidMut, PyramidView, to_level0};
 use crate::model::parse::Model;
 
@@ -89,9 +89,9 @@ impl<P: Profile + ?Sized> Detector<P> {
         self.visible = visible;
     }
 
-    /// Sets the cores that share a search. The results do not depend on them. [`Observer::goes_on`] is asked by the
-    /// caller's core as often as ever; another one that has begun with the finest level comes to its end. The time of
-    /// `verify` counts as `classify`.
+    /// Sets the cores that share a search. The results do not depend on them. While others help, the caller's core asks
+    /// [`Observer::goes_on`] once for every sixteen keygraphs, and another core that has begun with the finest level or
+    /// with half of the features comes to its end. The time of `verify` counts as `classify`.
     #[cfg(feature = "crew")]
     pub fn set_crew(&mut self, crew: Option<&'static dyn Crew>) {
         self.buffers.set_crew(crew);
@@ -432,7 +432,7 @@ pub struct Ongoing<'a, P: Profile + ?Sized> {
 
 impl<P: Profile + ?Sized> Ongoing<'_, P> {
     /// Does the next piece. Returns whether there is more. The longest piece finds the corners and
-    /// triangles of the finest level.
+    /// triangles of the finest level; with a crew the first piece does all up to the first decision, meanwhile.
     pub fn step(&mut self, observer: &mut dyn Observer) -> bool {
         let lent = self.detector.buffers.lend();
         let mut laps = Laps::new(observer);
@@ -539,18 +539,23 @@ fn advance(
     let rules = model.method().parameters();
     let mut ours = Corners { rules, scratch, mesh };
     // The levels above the finest here, the finest one on another core meanwhile.
+    let finest = pyramid.luma(FINEST.into());
     if let Some(ahead) = &mut ahead
         && place.is_start()
         && finder.is_none()
+        && finest.width().min(finest.height()) >= MIN_SIDE
+        && !search.context.laps.stopped
+        && ahead.team.crew.is_free()
     {
         let mut more = true;
         let mut mine = || {
             more = search.advance(plan, place, &mut ours);
-            while more && !place.needs_finest() && (all || !place.decides()) {
+            // Of a tile nothing is known before.
+            while more && !place.needs_finest() && place.tiles() == 0 && (all || !place.decides()) {
                 more = search.advance(plan, place, &mut ours);
             }
         };
-        ahead.team.crew.both(&mut mine, &mut || ahead.look(pyramid.luma(FINEST.into()), FINEST.into(), rules));
+        ahead.team.crew.both(&mut mine, &mut || ahead.look(finest, FINEST.into(), rules));
         if !more || !all {
             return more;
         }

@@ -6,8 +6,8 @@
 //! them: its results are the same to the bit.
 //!
 //! Memory: a second set of rows, corners, triples and mesh, and 16 bytes for each keygraph of a block.
-//! Without the feature `crew` none. Cost: corners and triangles that were found in vain where the levels above the finest show
-//! the object. Full: as the stages.
+//! Without the feature `crew` none but a few words of stack. Cost: corners and triangles that were found in
+//! vain where the levels above the finest show the object. Full: as the stages.
 
 use core::ops::Range;
 use core::sync::atomic::{AtomicU32, Ordering};
@@ -33,9 +33,10 @@ pub(crate) struct Help<'a> {
     pub(crate) block: &'a mut Block,
 }
 
-/// What was found on the finest level before the search came to it: the counts of both stages.
+/// What was found on the finest level before the search came to it: its size, and the counts of both stages.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Foreseen {
+    size: [usize; 2],
     keypoints: StageStats,
     triples: StageStats,
 }
@@ -56,12 +57,13 @@ impl Ahead<'_> {
     /// Finds the corners and triangles of `luma`, the pyramid level `level`.
     pub(crate) fn look(&mut self, luma: Plane<'_, u8>, level: usize, rules: &'static Parameters) {
         let mut finder = Corners { rules, scratch: self.scratch, mesh: self.mesh.reborrow() };
+        self.corners.clear();
         let keypoints = finder.keypoints(luma, level, self.corners, &mut Steady);
         self.points.clear();
         self.points.extend(self.corners.iter().map(|c| c.point).take(self.points.capacity()));
         self.triples.clear();
         let triples = finder.triples(self.points, self.triples, &mut Steady);
-        *self.foreseen = Some(Foreseen { keypoints, triples });
+        *self.foreseen = Some(Foreseen { size: [luma.width(), luma.height()], keypoints, triples });
     }
 }
 
@@ -83,6 +85,8 @@ impl Finder for Foresight<'_> {
     ) -> StageStats {
         if let Some(Ahead { corners, foreseen: Some(foreseen), .. }) = &self.ahead
             && level == self.level
+            // A tile is smaller than the level.
+            && foreseen.size == [luma.width(), luma.height()]
         {
             // It fits: both have the capacity of the profile.
             out.extend(corners.iter().copied());
@@ -109,7 +113,7 @@ const BLOCK: usize = 2048;
 const SMALL: usize = 128;
 
 /// Number of keygraphs below which it is not worth to make other cores start.
-const WORTH: usize = 256;
+pub(crate) const WORTH: usize = 256;
 
 /// Number of keygraphs that a core takes at a time: those beside each other read the same part of the model.
 const PIECE: usize = 16;
@@ -154,7 +158,7 @@ impl Block {
             return;
         }
         let is_shared = usize::from(end - i) >= WORTH && team.crew.is_free();
-        self.keygraphs = i..end.min(i + id(if is_shared { BLOCK } else { SMALL }));
+        self.keygraphs = i..end.min(i.saturating_add(id(if is_shared { BLOCK } else { SMALL })));
         let (first, cells) = (usize::from(i), &self.cells);
         let fill = |piece: Range<usize>| {
             for i in piece {

@@ -137,8 +137,8 @@ pub trait Observer {
     /// bits may start again at 0.
     fn now(&mut self) -> u64;
 
-    /// Returns whether the search goes on. It is asked every 200,000 instructions or more often, so
-    /// that others can be given their turn, and a search can be told to stop. A search that is
+    /// Returns whether the search goes on. It is asked every 200,000 instructions or more often (by one
+    /// core; less often with a crew), so that others can be given their turn, and a search can be told to stop. A search that is
     /// stopped returns what it has found, [`Stats::stopped`], and does not ask again.
     fn goes_on(&mut self) -> bool {
         true

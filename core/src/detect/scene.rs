@@ -18,6 +18,7 @@ use crate::base::pace::Pace;
 use crate::base::sort::sort_by_key;
 use crate::detect::detection::{Detection, is_inside};
 use crate::detect::finder::Finder;
+use crate::detect::help::WORTH;
 use crate::detect::observer::{Laps, Output, Tally};
 use crate::detect::tile::Tile;
 use crate::extract::corners::Corner;
@@ -180,7 +181,7 @@ impl Scene<'_> {
                 *f = of(k);
             }
         };
-        match team {
+        match team.filter(|team| keygraphs.len() - first >= WORTH && team.crew.is_free()) {
             Some(team) => {
                 let half = first.midpoint(keygraphs.len());
                 let (near, far) = features.split_at_mut(half);

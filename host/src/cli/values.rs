@@ -6,8 +6,7 @@ use keygraph::search::MAX_THREADS;
 /// How many threads search.
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub struct Threads {
-    /// Threads that search: each a frame, or several one where there are fewer frames [default: one a processor, at most
-    /// 8]
+    /// Threads that search [default: one a processor, at most 8]
     #[arg(long, value_parser = clap::value_parser!(u8).range(1..=MAX_THREADS as i64))]
     threads: Option<u8>,
 }
