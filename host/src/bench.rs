@@ -95,7 +95,7 @@ pub struct Bench {
     pub digest: u32,
     /// Times from decoded pixels to detections.
     pub total: Times,
-    /// The same of each frame, ms: the median of its passes.
+    /// Time of each frame from decoded pixels to detections, ms: the median of its passes.
     pub each: Vec<f64>,
     /// The cost of each stage.
     pub stages: Vec<StageCost>,

@@ -13,7 +13,7 @@ use keygraph_core::Crew;
 use rayon_core::{ThreadPool, ThreadPoolBuilder};
 
 /// Maximum number of threads that search one frame.
-pub const MAX_CREW: usize = 8;
+const MAX_CREW: usize = 8;
 
 /// The crew of `threads` threads, the caller's among them. `None` for one thread, and when the system gives no more.
 #[must_use]
