@@ -139,7 +139,7 @@ impl<const SIDE: usize, const CORNERS: usize, const POINTS: usize, const KEYGRAP
     fn help(&mut self) -> Option<Help<'_>> {
         let Self { team, foreseen, scratch, mesh, corners, points, triples, block } = self;
         let (scratch, mesh) = (scratch.as_flattened_mut(), mesh.workspace());
-        team.map(|team| Help { team, ahead: Ahead { team, scratch, mesh, corners, points, triples, foreseen }, block })
+        team.map(|team| Help { ahead: Ahead { team, scratch, mesh, corners, points, triples, foreseen }, block })
     }
 }
 

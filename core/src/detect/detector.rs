@@ -534,7 +534,7 @@ fn advance(
     let tile = place.tile(&pyramid);
     let scene = Scene { pyramid, tile, points, spans, keygraphs, features, corners, triples };
     let context = Context { model, tally, laps };
-    let (hands, mut ahead) = help.map_or((None, None), |h| (Some((h.team, h.block)), Some(h.ahead)));
+    let (hands, mut ahead) = help.map_or((None, None), |h| (Some((h.ahead.team, h.block)), Some(h.ahead)));
     let mut search = Search { context, scene, votes, bins, pairs, findings, hands };
     let rules = model.method().parameters();
     let mut ours = Corners { rules, scratch, mesh };

@@ -28,7 +28,6 @@ use crate::model::method::Parameters;
 /// What a search needs to be helped.
 #[derive(Debug)]
 pub(crate) struct Help<'a> {
-    pub(crate) team: Team,
     pub(crate) ahead: Ahead<'a>,
     pub(crate) block: &'a mut Block,
 }
