@@ -20,6 +20,9 @@
     python3 scripts/evaluate mixed           time by what a frame shows, beside OpenCV
     python3 scripts/evaluate tilt            found from far to the side, plainly and with --wide
     python3 scripts/evaluate costs           time of whole commands
+    python3 scripts/evaluate tracking        rendered sequences, searched and tracked
+    python3 scripts/evaluate lenses          calibrations by a picture, beside OpenCV's
+    python3 scripts/evaluate memory          resident sizes of `keygraph camera`
     python3 scripts/evaluate measure         all of these for the pages: their records
                                              (benches/record, docs/*.json), figures
                                              and tables; scripts/measure runs it
@@ -76,10 +79,16 @@ MODULES = {
     "mixed": "mixed",
     "tilt": "tilt",
     "costs": "measure",
+    "tracking": "following",
+    "memory": "following",
+    "lenses": "lenses",
     "measure": "measure",
 }
 # Modules that a command needs beside cv2 and numpy, where it is not matplotlib.
-OTHER_PACKAGES = {"rivals": [], "costs": [], "fit": ["matplotlib", "sklearn"]}
+OTHER_PACKAGES = {
+    **dict.fromkeys(("rivals", "costs", "tracking", "memory", "lenses"), []),
+    "fit": ["matplotlib", "sklearn"],
+}
 OBJECTS = [os.path.join(PICTURES, f"{name}.jpg") for name in ("astronaut", "chelsea", "coffee", "hubble", "rocket")]
 
 
@@ -130,6 +139,9 @@ def parser():
     add_pictures(c)
     add_frames(c, 24, "a tilt and object")
     command("costs", "Time of training, of a folder of frames and of a start")
+    command("tracking", "How well rendered sequences are tracked, beside a search of every frame")
+    command("lenses", "Errors of calibrations by a picture, beside those of OpenCV by a chessboard")
+    command("memory", "Resident sizes of `keygraph camera` with viewers, learners and models")
     add_measure(command("measure", "Measures what the pages show, and writes records, figures and tables"))
     return p
 

@@ -27,6 +27,9 @@ PARTS = {
     "economy": (["--frames", "12"], 12),
     "curves": (["--frames", "3"], 10),
     "growth": ([], 30),
+    "tracking": ([], 3),
+    "lenses": ([], 2),
+    "memory": ([], 6),
 }
 # Files of the scorer: a run each.
 SCORES = ("large", "standard", "compact", "luma", "paper", "rivals", "hard")
@@ -55,6 +58,7 @@ def measure(args, folder):
 def scores(folder, keygraph):
     """Writes the records of what scorers of photographs left in a folder."""
     records = {"accuracy": accuracy(folder), "siblings": siblings(folder)}
+    records["tracking-videos"] = read(folder, "tracking")
     bent = read(folder, "bent")
     records["bent"] = {who: told["total"] for who, told in bent.items()} if bent else {}
     if not any(records.values()):

@@ -165,6 +165,66 @@ def growth():
     return head(["objects", "found", "ms a frame", "pack, MB", "first frame after, s"]) + lines
 
 
+MOTIONS = {
+    "still": "rendered: still",
+    "slow": "rendered: slow, turning and tilting",
+    "fast": "rendered: fast, up to 30 px a frame",
+    "jumps": "rendered: jumps of 25 px",
+    "leaving": "rendered: leaves and comes back elsewhere",
+    "hidden": "rendered: a cover passes before the object",
+    "copies": "rendered: two copies that pass each other",
+    "book-mvg": "book on a table, every sixth frame",
+    "book-mvg-video": "book on a table, every frame",
+    "cube": "picture cube turned by hand, every eighth frame",
+}
+
+
+def sequences(told=None):
+    """Tracking beside searching every frame: videos first, then what is rendered."""
+    told = told or [read_record("tracking-videos"), read_record("tracking")]
+    lines = []
+    for r in (r for record in told for r in record["sequences"]):
+        pairs = [", ".join(map(str, r[key])) for key in ("found", "elsewhere")]
+        pairs += [", ".join(f"{v:.3f}" for v in r[key]) for key in ("error_px", "jitter_px")]
+        searched = f"{r['searched_when_tracking']} of {r['frames']}"
+        lines.append(row([MOTIONS.get(r["name"], r["name"]), str(r["shown"]), *pairs, searched]))
+    pairs = [f"{what}: searched, tracked" for what in ("found", "elsewhere", "error, px", "jitter, px")]
+    return head(["sequence", "frames that show the object", *pairs, "frames searched when tracking"]) + lines
+
+
+def memory():
+    """The largest resident sizes of a camera."""
+    lines = []
+    for r in read_record("memory")["runs"]:
+        what = ", ".join(
+            f"{n:,} {thing}{'s' if n > 1 else ''}"
+            for n, thing in (
+                (r["models"], f"{r['preset']} model"),
+                (r["viewers"], "viewer"),
+                (r["learners"], "learner"),
+                (r["frames"], "frame"),
+            )
+            if n
+        )
+        lines.append(row([what, f"{r['peak_kb']:,}"]))
+    return head(["run", "peak (`VmHWM`), kB of 262,144"]) + lines
+
+
+def lenses(told=None):
+    """Calibrations by a picture and by a chessboard, three runs each."""
+    told = told or read_record("lenses")
+    lines = []
+    for lens in told["lenses"]:
+        cells = []
+        for who in ("keygraph", "opencv"):
+            runs = [run[who] for run in lens["runs"]]
+            for key in ("views", "focal_percent", "corner_px"):
+                cells.append(", ".join(str(run.get(key, "refused")) for run in runs))
+        lines.append(row([lens["name"], *cells]))
+    each = "views used", "focal length, % off", "px at the frame's corners"
+    return head(["lens", *each, *(f"OpenCV: {what}" for what in each)]) + lines
+
+
 def head(columns):
     """The first two lines of a table."""
     return [row(columns), row(["---"] * len(columns))]
@@ -184,4 +244,7 @@ TABLES = {
     "tilt": tilt,
     "stages": stages,
     "growth": growth,
+    "sequences": sequences,
+    "memory": memory,
+    "lenses": lenses,
 }

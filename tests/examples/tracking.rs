@@ -1,10 +1,11 @@
 //! Compares tracking with searching on the same frames.
 //!
-//!     cargo run --release -p keygraph-tests --example tracking [TRUTH.json ...]
+//!     cargo run --release -p keygraph-tests --example tracking -- [--json] [TRUTH.json ...]
 //!
 //! In: rendered sequences, or the truth files of videos. A truth file is a list of `{"name",
 //! "model": picture, "frames": [{"image", "H"}]}`. Paths are relative to the file, frames are in
-//! order, and H maps picture px to frame px. Out: a table.
+//! order, and H maps picture px to frame px. Out: a table, or with `--json` an object: `sequences` with pairs of what a
+//! search and a tracker did, and `drift`.
 //!
 //! Columns of the table:
 //!
@@ -27,7 +28,7 @@ use keygraph::render::{RIGHT, corner_error};
 use keygraph::search::{Follower, Found, Profile, Request, follow, search};
 use keygraph_core::{DEFAULT_THRESHOLD, Homography, Model};
 use keygraph_tests::motion::{Motion, Sequence, astronaut};
-use serde_json::Value;
+use serde_json::{Value, json};
 
 type Outline = [[f32; 2]; 4];
 
@@ -107,19 +108,19 @@ impl Tally {
         self.wrong += found.detections.len() - right;
     }
 
+    /// Mean second difference of a corner, px.
+    fn jitter(&self) -> f32 {
+        self.bends.iter().sum::<f32>() / self.bends.len() as f32
+    }
+
     fn print(&self, name: &str, how: &str) {
-        let median = |v: &[f32]| {
-            let mut v = v.to_vec();
-            v.sort_unstable_by(f32::total_cmp);
-            v.get(v.len() / 2).copied().unwrap_or(f32::NAN)
-        };
-        let mean = self.bends.iter().sum::<f32>() / self.bends.len() as f32;
         println!(
-            "{name:16} {how:9} {:5} {:5} {:5} {:6.3} {mean:6.3} {:4} {:5} {:8} {:6.1} {:8} {:6.2}",
+            "{name:16} {how:9} {:5} {:5} {:5} {:6.3} {:6.3} {:4} {:5} {:8} {:6.1} {:8} {:6.2}",
             self.shown,
             self.found,
             self.wrong,
             median(&self.errors),
+            self.jitter(),
             self.back,
             self.ids.len(),
             self.searched_ms.len(),
@@ -130,8 +131,50 @@ impl Tally {
     }
 }
 
-/// Searches and tracks the frames that `shot` gives, and prints both results.
+fn median(v: &[f32]) -> f32 {
+    let mut v = v.to_vec();
+    v.sort_unstable_by(f32::total_cmp);
+    v.get(v.len() / 2).copied().unwrap_or(f32::NAN)
+}
+
+/// A number of px with three digits after the point.
+fn px(v: f32) -> f64 {
+    (f64::from(v) * 1e3).round() / 1e3
+}
+
+/// Where the results go.
+struct Report {
+    /// Whether they are printed as one object at the end.
+    as_json: bool,
+    sequences: Vec<Value>,
+    drift: Vec<Value>,
+}
+
+impl Report {
+    fn add(&mut self, name: &str, frames: usize, both: [&Tally; 2]) {
+        if !self.as_json {
+            for (tally, how) in both.into_iter().zip(["searched", "tracked"]) {
+                tally.print(name, how);
+            }
+        }
+        self.sequences.push(json!({
+            "name": name,
+            "frames": frames,
+            "shown": both[0].shown,
+            "found": both.map(|t| t.found),
+            "elsewhere": both.map(|t| t.wrong),
+            "error_px": both.map(|t| px(median(&t.errors))),
+            "jitter_px": both.map(|t| px(t.jitter())),
+            "searched_when_tracking": both[1].searched_ms.len(),
+            "ids": both[1].ids.len(),
+            "frames_until_back": both.map(|t| t.back),
+        }));
+    }
+}
+
+/// Searches and tracks the frames that `shot` gives.
 fn compare(
+    report: &mut Report,
     name: &str,
     model: &Model<'_>,
     frames: usize,
@@ -147,13 +190,12 @@ fn compare(
         let f = search(&picture, model, Profile::Vga, DEFAULT_THRESHOLD, false, 1).unwrap();
         untracked.add(&f, &copies, relative);
     }
-    untracked.print(name, "searched");
-    tracked.print(name, "tracked");
+    report.add(name, frames, [&untracked, &tracked]);
 }
 
-/// Tracks 1,000 frames. Prints whether the error grows, and how far the corners deviate from their
+/// Tracks 1,000 frames. Reports whether the error grows, and how far the corners deviate from their
 /// mean offset.
-fn drift(model: &Model<'_>, picture: &Picture, motion: Motion, noise: f32) {
+fn drift(report: &mut Report, model: &Model<'_>, picture: &Picture, motion: Motion, noise: f32) {
     let sequence = Sequence::new(picture, motion, noise, 7);
     let mut follower = Follower::default();
     let mut offsets: Vec<Outline> = Vec::new();
@@ -175,12 +217,17 @@ fn drift(model: &Model<'_>, picture: &Picture, motion: Motion, noise: f32) {
         core::array::from_fn(|i| [0, 1].map(|k| offsets.iter().map(|o| o[i][k]).sum::<f32>() / offsets.len() as f32));
     let zero = [[0.0; 2]; 4];
     let n = offsets.len();
-    println!(
-        "{motion:?}, noise {noise}: {n} of 1000 frames; error of the first 100 {:.3} px, of the last 100 {:.3} px; about their mean offset {:.3} px",
-        rms(&offsets[..100], &zero),
-        rms(&offsets[n - 100..], &zero),
-        rms(&offsets, &mean)
-    );
+    let [first, last, about] = [rms(&offsets[..100], &zero), rms(&offsets[n - 100..], &zero), rms(&offsets, &mean)];
+    if !report.as_json {
+        println!(
+            "{motion:?}, noise {noise}: {n} of 1000 frames; error of the first 100 {first:.3} px, of the last 100 {last:.3} px; about their mean offset {about:.3} px",
+        );
+    }
+    let motion = format!("{motion:?}").to_lowercase();
+    let [first, last, about] = [first, last, about].map(px);
+    report.drift.push(json!({
+        "motion": motion, "noise": noise, "frames": n, "first_100_px": first, "last_100_px": last, "about_mean_px": about,
+    }));
 }
 
 fn outline(h: &Value, w: f32, ht: f32) -> Option<Outline> {
@@ -190,7 +237,7 @@ fn outline(h: &Value, w: f32, ht: f32) -> Option<Outline> {
 }
 
 /// Searches and tracks the video of a truth file.
-fn video(path: &Path) {
+fn video(report: &mut Report, path: &Path) {
     let text = std::fs::read_to_string(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
     let folder = path.parent().unwrap();
     let truth: Value = serde_json::from_str(&text).unwrap();
@@ -199,7 +246,7 @@ fn video(path: &Path) {
         let picture = read_picture(&folder.join(object["model"].as_str().unwrap())).unwrap();
         let (model, _) = train(&picture, name, Preset::Large, false).unwrap();
         let frames = object["frames"].as_array().unwrap();
-        compare(name, &Model::parse(&model).unwrap(), frames.len(), false, |i| {
+        compare(report, name, &Model::parse(&model).unwrap(), frames.len(), false, |i| {
             let frame = read_picture(&folder.join(frames[i]["image"].as_str().unwrap())).unwrap();
             let truth = outline(&frames[i]["H"], picture.width as f32, picture.height as f32);
             (frame, truth.into_iter().map(|o| (o, 1.0)).collect())
@@ -208,25 +255,43 @@ fn video(path: &Path) {
 }
 
 fn main() {
-    let sets: Vec<String> = std::env::args().skip(1).collect();
-    println!(
-        "{:16} {:9} {:>5} {:>5} {:>5} {:>6} {:>6} {:>4} {:>5} {:>8} {:>6} {:>8} {:>6}",
-        "sequence", "", "shown", "found", "wrong", "error", "jitter", "back", "ids", "searched", "ms", "followed", "ms"
-    );
+    let (options, sets): (Vec<_>, Vec<_>) = std::env::args().skip(1).partition(|a| a == "--json");
+    let report = &mut Report { as_json: !options.is_empty(), sequences: Vec::new(), drift: Vec::new() };
+    if !report.as_json {
+        println!(
+            "{:16} {:9} {:>5} {:>5} {:>5} {:>6} {:>6} {:>4} {:>5} {:>8} {:>6} {:>8} {:>6}",
+            "sequence",
+            "",
+            "shown",
+            "found",
+            "wrong",
+            "error",
+            "jitter",
+            "back",
+            "ids",
+            "searched",
+            "ms",
+            "followed",
+            "ms"
+        );
+    }
     if sets.is_empty() {
         let picture = astronaut();
         let (model, _) = train(&picture, "astronaut", Preset::Large, false).unwrap();
         let model = Model::parse(&model).unwrap();
         for motion in Motion::ALL {
             let sequence = Sequence::new(&picture, motion, 5.0, 7);
-            compare(&format!("{motion:?}").to_lowercase(), &model, 120, true, |i| {
+            compare(report, &format!("{motion:?}").to_lowercase(), &model, 120, true, |i| {
                 let shot = sequence.shot(i);
                 (shot.picture, shot.copies)
             });
         }
         for (motion, noise) in [(Motion::Still, 5.0), (Motion::Still, 15.0), (Motion::Slow, 5.0)] {
-            drift(&model, &picture, motion, noise);
+            drift(report, &model, &picture, motion, noise);
         }
     }
-    sets.iter().for_each(|s| video(Path::new(s)));
+    sets.iter().for_each(|s| video(report, Path::new(s)));
+    if report.as_json {
+        println!("{:#}", json!({ "sequences": report.sequences, "drift": report.drift }));
+    }
 }

@@ -144,7 +144,7 @@ pub fn renew(runs: &[Run], worst: &[Run]) -> Result<()> {
     fs::write(readme()?, whole).context("cannot write the README")
 }
 
-/// Returns both tables of a baseline, with one column per board.
+/// Returns the tables of a baseline: two with one column per board, and what the vectors of a Cortex-M55 save.
 fn tables(baseline: &Value) -> String {
     let boards: Vec<(&String, &Value)> = baseline["boards"].as_object().into_iter().flatten().rev().collect();
     let Some((_, first)) = boards.first() else { return String::new() };
@@ -158,7 +158,7 @@ fn tables(baseline: &Value) -> String {
 
     let mut out = head("bytes");
     for (key, title) in [
-        ("code", format!("vectors, code, constants (limit {})", thousands(96 << 10))),
+        ("code", format!("vectors, code, constants (limit {}, m55 {})", thousands(96 << 10), thousands(256 << 10))),
         ("stack", format!("stack, most used (limit {})", thousands(STACK_LIMIT.into()))),
         ("frame", "raw frame".into()),
         ("detector", "detector".into()),
@@ -174,6 +174,21 @@ fn tables(baseline: &Value) -> String {
         out += &row(name, &|board| format!("{:.1}", board["instructions"][i][1].as_f64().unwrap_or(0.0) / 1e6));
     }
     out += &row("total, hardest of 51 frames", &|board| format!("{:.1}", board["worst"].as_f64().unwrap_or(0.0) / 1e6));
+    out + "\n" + &vectors(&baseline["boards"])
+}
+
+/// Returns the table of what the vectors of a Cortex-M55 save: the same frames, by the code of a Cortex-M7 and by its own.
+fn vectors(boards: &Value) -> String {
+    let mut out = String::from(
+        "| million instructions, vga, median of 4 frames | code of the M7 | code of the M55 | ratio |\n\
+         | --- | --- | --- | --- |\n",
+    );
+    let rows = |name: &str| boards[name]["instructions"].as_array().into_iter().flatten();
+    for (plain, vectors) in rows("n6, vga").zip(rows("m55, vga")) {
+        let [a, b] = [plain, vectors].map(|row| row[1].as_f64().unwrap_or(0.0) / 1e6);
+        let stage = plain[0].as_str().unwrap_or_default();
+        out += &format!("| {stage} | {a:.1} | {b:.1} | {:.2} |\n", a / b.max(1e-6));
+    }
     out
 }
 

@@ -117,11 +117,12 @@ struct Shot {
 /// Measures the sample on all boards, and writes the baseline and the tables.
 fn renew() -> Result<bool> {
     let (mut runs, mut worst) = (Vec::new(), Vec::new());
-    for profile in ["vga", "qvga", "qqvga"] {
-        let cli = Cli::parse_from(["scripts/board", "--baseline", "--tables", "--check", "--profile", profile]);
+    for (profile, machine) in [("vga", "m55"), ("vga", "n6"), ("qvga", "m7"), ("qqvga", "m4")] {
+        let board = ["--profile", profile, "--machine", machine];
+        let cli = Cli::parse_from(["scripts/board", "--baseline", "--tables", "--check"].iter().chain(&board));
         for (frames, to) in [(sample::frames()?, &mut runs), (cli.hard_frames(true)?, &mut worst)] {
             let (fine, run) = searched(&cli, &frames)?;
-            ensure!(fine, "this machine and the board differ with {profile}: nothing was written");
+            ensure!(fine, "this machine and the board {machine} differ with {profile}: nothing was written");
             to.extend(run);
         }
     }
