@@ -70,6 +70,7 @@ pub mod request;
 #[cfg(feature = "crew")]
 pub mod crew;
 pub mod search;
+pub mod smooth;
 pub mod wide;
 pub mod trail;
 pub mod margins;

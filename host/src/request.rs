@@ -108,6 +108,9 @@ pub struct Request {
     pub wide: bool,
     /// Number of threads that search a frame together, with the feature `crew`. The results do not depend on it.
     pub threads: usize,
+    /// Number of frames over which the outline of an object that stands still is averaged, in a sequence; 0 for none.
+    /// Outlines never lag by more than a pixel of the searched frame, [`smooth`](crate::smooth).
+    pub smooth: u8,
     /// Whether to report digests. Frames of a sequence have none.
     pub digests: bool,
 }
@@ -181,6 +184,7 @@ impl Request {
             depth: Depth::Usual,
             wide: false,
             threads: 1,
+            smooth: 0,
             digests: false,
         }
     }

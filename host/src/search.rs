@@ -22,6 +22,7 @@ use crate::picture::{Part, mirror_rows};
 use crate::region::Unsuitable;
 pub use crate::request::{Profile, Request, Shape, depth_of, parse_budget, parse_share, parse_threshold};
 use crate::sensor::sense;
+use crate::smooth::Smoother;
 
 /// A picture in a format that the core takes, scaled down when it was too large.
 #[derive(Debug)]
@@ -383,6 +384,7 @@ pub struct Follower {
     /// The tracker.
     pub tracker: Tracker,
     surfaces: Surfaces,
+    smoother: Smoother,
 }
 
 /// Follows objects into the next frame of a sequence, which fits the detector. The rest is as in
@@ -399,7 +401,7 @@ pub fn follow_frame(
 ) -> Result<Found, FrameError> {
     let mut watch = Watch::new(request);
     set(detector, request);
-    let Follower { tracker, surfaces } = follower;
+    let Follower { tracker, surfaces, smoother } = follower;
     let tracks = tracker.track(detector, frame, model, request.threshold, &mut watch)?;
     let (lost, seen): (Vec<Track>, Vec<Track>) = tracks.iter().partition(|t| t.state == State::Lost);
     let mut found = Found::new(seen.iter().map(|t| t.detection).collect(), *tracker.stats());
@@ -421,6 +423,7 @@ pub fn follow_frame(
     found.stats.stopped |= lacks_surfaces(&found, request, &mut watch);
     let seen = seen.iter().map(|t| (t.id, t.state)).collect();
     found.tracking = Some(Tracking { seen, lost, searched: tracker.searched() });
+    smoother.smooth(&mut found, model, request.smooth);
     Ok(found)
 }
 

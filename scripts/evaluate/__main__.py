@@ -23,6 +23,8 @@
     python3 scripts/evaluate tracking        rendered sequences, searched and tracked
     python3 scripts/evaluate lenses          calibrations by a picture, beside OpenCV's
     python3 scripts/evaluate memory          resident sizes of `keygraph camera`
+    python3 scripts/evaluate pictures        the pictures of the pages, drawn by this build
+    python3 scripts/evaluate cluster         frames a second of examples/cluster
     python3 scripts/evaluate measure         all of these for the pages: their records
                                              (benches/record, docs/*.json), figures
                                              and tables; scripts/measure runs it
@@ -81,12 +83,14 @@ MODULES = {
     "costs": "measure",
     "tracking": "following",
     "memory": "following",
+    "cluster": "following",
+    "pictures": "shots",
     "lenses": "lenses",
     "measure": "measure",
 }
 # Modules that a command needs beside cv2 and numpy, where it is not matplotlib.
 OTHER_PACKAGES = {
-    **dict.fromkeys(("rivals", "costs", "tracking", "memory", "lenses"), []),
+    **dict.fromkeys(("rivals", "costs", "tracking", "memory", "cluster", "lenses", "pictures"), []),
     "fit": ["matplotlib", "sklearn"],
 }
 OBJECTS = [os.path.join(PICTURES, f"{name}.jpg") for name in ("astronaut", "chelsea", "coffee", "hubble", "rocket")]
@@ -141,6 +145,8 @@ def parser():
     command("costs", "Time of training, of a folder of frames and of a start")
     command("tracking", "How well rendered sequences are tracked, beside a search of every frame")
     command("lenses", "Errors of calibrations by a picture, beside those of OpenCV by a chessboard")
+    command("pictures", "Draws the pictures of README and docs anew, and keeps their digests")
+    command("cluster", "Frames a second of examples/cluster, with one worker and with two")
     command("memory", "Resident sizes of `keygraph camera` with viewers, learners and models")
     add_measure(command("measure", "Measures what the pages show, and writes records, figures and tables"))
     return p

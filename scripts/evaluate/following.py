@@ -1,4 +1,7 @@
-"""The commands `tracking` and `memory`: how well objects are followed, and what a camera keeps in memory."""
+"""The commands `tracking`, `memory` and `cluster`: sequences, a camera for months, and many frames on a cluster.
+
+Each runs a script that others run, too, and gives its numbers.
+"""
 
 import json
 import os
@@ -39,6 +42,18 @@ def memory(args, folder):
         told = {"frames": frames, "viewers": viewers, "learners": learners, "models": models, "preset": options[4]}
         runs.append({**told, **sizes(done.stdout)})
     return {"runs": runs}
+
+
+def cluster(args, folder):
+    """Frames a second of examples/cluster on this machine."""
+    done = subprocess.run(
+        [os.path.join(ROOT, "scripts", "test-cluster"), "--measure"], stdout=subprocess.PIPE, text=True
+    )
+    if done.returncode or not done.stdout:
+        sys.exit("scripts/test-cluster --measure failed: see above")
+    numbers = {**json.loads(done.stdout.splitlines()[-1]), "processors": os.cpu_count()}
+    print("\n".join(tables.cluster(numbers)))
+    return numbers
 
 
 def sizes(printed):

@@ -26,10 +26,13 @@ PARTS = {
     "calibration": ([], 3),
     "economy": (["--frames", "12"], 12),
     "curves": (["--frames", "3"], 10),
+    "look-alikes": (["--groups", "2", "--frames", "3"], 15),
     "growth": ([], 30),
     "tracking": ([], 3),
     "lenses": ([], 2),
     "memory": ([], 6),
+    "cluster": ([], 6),
+    "pictures": ([], 10),
 }
 # Files of the scorer: a run each.
 SCORES = ("large", "standard", "compact", "luma", "paper", "rivals", "hard")

@@ -17,7 +17,11 @@ from tables import TABLES, absent, counts
 
 # Pages with figures. On the first, each paragraph with a figure must say where it comes from.
 WHOLE = (os.path.join(DOCS, "measured.md"),)
-PAGES = (*WHOLE, os.path.join(ROOT, "README.md"), *(os.path.join(DOCS, f"{page}.md") for page in ("camera", "space")))
+PAGES = (
+    *WHOLE,
+    os.path.join(ROOT, "README.md"),
+    *(os.path.join(DOCS, f"{page}.md") for page in ("at-scale", "camera", "space")),
+)
 WORDS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
 TABLE = re.compile(r"<!-- table: ([\w-]+) -->\n(.*?)<!-- end -->", re.S)
 COMMENT = re.compile(r"<!-- (measured|given): (.*?) -->", re.S)

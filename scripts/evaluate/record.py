@@ -16,7 +16,7 @@ from places import DOCS, PICTURES, RECORDS, ROOT, SEQUENCE
 
 PRESETS = ("large", "standard", "compact")
 # Records that are the numbers of a figure lie beside it.
-FIGURES = ("curves", "economy", "growth")
+FIGURES = ("curves", "economy", "growth", "look-alikes")
 
 
 def record_path(part):

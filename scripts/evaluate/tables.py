@@ -184,11 +184,12 @@ def sequences(told=None):
     told = told or [read_record("tracking-videos"), read_record("tracking")]
     lines = []
     for r in (r for record in told for r in record["sequences"]):
-        pairs = [", ".join(map(str, r[key])) for key in ("found", "elsewhere")]
+        pairs = [", ".join(map(str, r[key][:2])) for key in ("found", "elsewhere")]
         pairs += [", ".join(f"{v:.3f}" for v in r[key]) for key in ("error_px", "jitter_px")]
         searched = f"{r['searched_when_tracking']} of {r['frames']}"
         lines.append(row([MOTIONS.get(r["name"], r["name"]), str(r["shown"]), *pairs, searched]))
-    pairs = [f"{what}: searched, tracked" for what in ("found", "elsewhere", "error, px", "jitter, px")]
+    pairs = [f"{what}: searched, tracked" for what in ("found", "elsewhere")]
+    pairs += [f"{what}: searched, tracked, smoothed" for what in ("error, px", "jitter, px")]
     return head(["sequence", "frames that show the object", *pairs, "frames searched when tracking"]) + lines
 
 
@@ -208,6 +209,12 @@ def memory():
         )
         lines.append(row([what, f"{r['peak_kb']:,}"]))
     return head(["run", "peak (`VmHWM`), kB of 262,144"]) + lines
+
+
+def cluster(told=None):
+    """Frames a second by the number of workers."""
+    told = told or read_record("cluster")
+    return head(["workers", "frames a second"]) + [row([n, f"{rate:.0f}"]) for n, rate in told["workers"].items()]
 
 
 def lenses(told=None):
@@ -247,4 +254,5 @@ TABLES = {
     "sequences": sequences,
     "memory": memory,
     "lenses": lenses,
+    "cluster": cluster,
 }

@@ -1,5 +1,6 @@
 """Tests of pages.py, and of the figures on the pages themselves."""
 
+import os
 import unittest
 
 from packages import missing_for_tests
@@ -8,6 +9,9 @@ if missing_for_tests(["cv2"]):
     raise unittest.SkipTest("packages are missing")
 
 import pages
+import shots
+from places import ROOT
+from record import read_record
 
 
 class Figures(unittest.TestCase):
@@ -48,6 +52,16 @@ class Figures(unittest.TestCase):
         self.assertEqual(pages.problems(page, "```\n5 ms\n```\n\nSee [there](0014.md) and `5`.\n"), [])
         wrong = pages.problems(page, "Of 121 frames.\n<!-- measured: growth.objects.0.frames -->\n")
         self.assertIn('"120" (growth.objects.0.frames)', wrong[0])
+
+
+class Pictures(unittest.TestCase):
+    def test_the_pictures_are_those_that_were_drawn_by_this_build(self):
+        drawn = read_record("pictures")["sha256"]
+        self.assertLessEqual(set(shots.DRAWN), set(drawn))
+        for name, digest in drawn.items():
+            self.assertEqual(
+                shots.digest(os.path.join(ROOT, name)), digest, f"{name}: scripts/measure pictures draws it"
+            )
 
 
 if __name__ == "__main__":

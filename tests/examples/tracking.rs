@@ -4,8 +4,8 @@
 //!
 //! In: rendered sequences, or the truth files of videos. A truth file is a list of `{"name",
 //! "model": picture, "frames": [{"image", "H"}]}`. Paths are relative to the file, frames are in
-//! order, and H maps picture px to frame px. Out: a table, or with `--json` an object: `sequences` with pairs of what a
-//! search and a tracker did, and `drift`.
+//! order, and H maps picture px to frame px. Out: a table, or with `--json` an object: `sequences` with what a search, a
+//! tracker, and a tracker that smooths did, and `drift`.
 //!
 //! Columns of the table:
 //!
@@ -31,6 +31,9 @@ use keygraph_tests::motion::{Motion, Sequence, astronaut};
 use serde_json::{Value, json};
 
 type Outline = [[f32; 2]; 4];
+
+/// Frames over which outlines are averaged, as with `--smooth`.
+const SMOOTH: u8 = 8;
 
 /// Results of one way of detection over a sequence.
 #[derive(Default)]
@@ -151,9 +154,9 @@ struct Report {
 }
 
 impl Report {
-    fn add(&mut self, name: &str, frames: usize, both: [&Tally; 2]) {
+    fn add(&mut self, name: &str, frames: usize, both: [&Tally; 3]) {
         if !self.as_json {
-            for (tally, how) in both.into_iter().zip(["searched", "tracked"]) {
+            for (tally, how) in both.into_iter().zip(["searched", "tracked", "smoothed"]) {
                 tally.print(name, how);
             }
         }
@@ -172,7 +175,7 @@ impl Report {
     }
 }
 
-/// Searches and tracks the frames that `shot` gives.
+/// Searches, tracks, and tracks and smooths the frames that `shot` gives.
 fn compare(
     report: &mut Report,
     name: &str,
@@ -181,16 +184,19 @@ fn compare(
     relative: bool,
     shot: impl Fn(usize) -> (Picture, Vec<(Outline, f32)>),
 ) {
-    let (mut tracked, mut untracked) = (Tally::default(), Tally::default());
-    let mut follower = Follower::default();
+    let [mut untracked, mut tracked, mut smoothed] = [Tally::default(), Tally::default(), Tally::default()];
+    let [mut follower, mut steady] = [Follower::default(), Follower::default()];
+    let request = Request::new(Profile::Vga, DEFAULT_THRESHOLD);
     for i in 0..frames {
         let (picture, copies) = shot(i);
-        let f = follow(&picture, model, &Request::new(Profile::Vga, DEFAULT_THRESHOLD), 0, &mut follower).unwrap();
+        let f = follow(&picture, model, &request, 0, &mut follower).unwrap();
         tracked.add(&f, &copies, relative);
+        let f = follow(&picture, model, &Request { smooth: SMOOTH, ..request }, 0, &mut steady).unwrap();
+        smoothed.add(&f, &copies, relative);
         let f = search(&picture, model, Profile::Vga, DEFAULT_THRESHOLD, false, 1).unwrap();
         untracked.add(&f, &copies, relative);
     }
-    report.add(name, frames, [&untracked, &tracked]);
+    report.add(name, frames, [&untracked, &tracked, &smoothed]);
 }
 
 /// Tracks 1,000 frames. Reports whether the error grows, and how far the corners deviate from their

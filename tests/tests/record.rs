@@ -14,7 +14,7 @@ use keygraph_tests::file;
 use serde_json::Value;
 
 /// Numbers of figures, which lie beside their figures.
-const FIGURES: [&str; 3] = ["curves", "economy", "growth"];
+const FIGURES: [&str; 4] = ["curves", "economy", "growth", "look-alikes"];
 
 /// Records that pages cannot do without.
 const NEEDED: [&str; 5] = ["accuracy", "calibration", "costs", "precision", "rivals"];

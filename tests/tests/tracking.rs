@@ -18,13 +18,22 @@ static MODEL: LazyLock<Vec<u8>> = LazyLock::new(|| train(&PICTURE, "astronaut", 
 /// Tracks frames of a sequence with a new tracker, and returns each frame with its result. Each
 /// test has a detector of its own in `slot`.
 fn run(motion: Motion, noise: f32, frames: impl Iterator<Item = usize>, slot: usize) -> Vec<(Shot, Found)> {
+    run_as(&Request::new(Profile::Vga, DEFAULT_THRESHOLD), motion, noise, frames, slot)
+}
+
+fn run_as(
+    request: &Request,
+    motion: Motion,
+    noise: f32,
+    frames: impl Iterator<Item = usize>,
+    slot: usize,
+) -> Vec<(Shot, Found)> {
     let sequence = Sequence::new(&PICTURE, motion, noise, 7);
     let model = Model::parse(&MODEL).unwrap();
     let mut follower = Follower::default();
     let look = |i| {
         let shot = sequence.shot(i);
-        let found =
-            follow(&shot.picture, &model, &Request::new(Profile::Vga, DEFAULT_THRESHOLD), slot, &mut follower).unwrap();
+        let found = follow(&shot.picture, &model, request, slot, &mut follower).unwrap();
         (shot, found)
     };
     frames.map(look).collect()
@@ -51,6 +60,41 @@ fn corners_of_what_stands_still_jitter_by_less_than_a_third_of_a_pixel() {
             let spread = (values.iter().map(|v| (v - mean) * (v - mean)).sum::<f32>() / n).sqrt();
             assert!(spread < 0.3, "corner {c}: {spread} px");
         }
+    }
+}
+
+/// The mean second difference of the corners from frame to frame, minus that of the truth, px.
+fn jitter(frames: &[(Shot, Found)]) -> f32 {
+    let off = |(shot, found): &(Shot, Found)| -> [[f32; 2]; 4] {
+        let (corners, truth) = (found.detections[0].corners, shot.copies[0].0);
+        std::array::from_fn(|c| [0, 1].map(|k| corners[c][k] - truth[c][k]))
+    };
+    let off: Vec<_> = frames.iter().map(off).collect();
+    let bend = |w: &[[[f32; 2]; 4]], c: usize| {
+        let at = |k: usize| w[0][c][k] - 2.0 * w[1][c][k] + w[2][c][k];
+        at(0).hypot(at(1))
+    };
+    let bends: Vec<f32> = off.windows(3).flat_map(|w| (0..4).map(|c| bend(w, c)).collect::<Vec<_>>()).collect();
+    bends.iter().sum::<f32>() / bends.len() as f32
+}
+
+#[test]
+fn smoothed_outlines_stand_still_and_do_not_stay_behind() {
+    let plain = Request::new(Profile::Vga, DEFAULT_THRESHOLD);
+    let smooth = Request { smooth: 8, ..plain };
+    let [before, after] = [plain, smooth].map(|request| run_as(&request, Motion::Still, 8.0, 0..24, 7));
+    let [a, b] = [&before, &after].map(|frames| jitter(&frames[4..]));
+    assert!(b < 0.3 * a, "jitter {b} px, {a} without");
+    for ((_, a), (_, b)) in before.iter().zip(&after) {
+        assert_eq!(searched(a), searched(b), "what is searched does not change");
+        assert_eq!(a.detections[0].score, b.detections[0].score);
+    }
+    for (shot, found) in run_as(&smooth, Motion::Fast, 5.0, 0..40, 7) {
+        let (d, truth) = (&found.detections[0], &shot.copies[0].0);
+        let far = d.corners.iter().zip(truth).map(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1])).sum::<f32>() / 4.0;
+        assert!(far < 1.0, "{far} px behind");
+        let shown = d.homography.outline(PICTURE.width as f32, PICTURE.height as f32);
+        assert!(corner_error(&shown, &d.corners) < 1e-3, "the map and the corners differ");
     }
 }
 

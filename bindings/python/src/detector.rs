@@ -284,6 +284,8 @@ struct Trail {
 ///     fisheye: Whether the coefficients are those of `cv2.fisheye`.
 ///     threads: Threads that search a frame together, 1 to 8. The results are the same. In a child that was forked,
 ///         one thread searches.
+///     smooth: Average outlines over this many frames while they stand still, 1 to 255; 0 leaves them as they are.
+///         They tremble less, and lag by less than a pixel of the searched frame.
 #[pyclass(frozen, module = "keygraph")]
 #[derive(Debug)]
 pub struct Tracker {
@@ -295,7 +297,7 @@ pub struct Tracker {
 #[pymethods]
 impl Tracker {
     #[new]
-    #[pyo3(signature = (models, profile="vga", threshold=0.8, *, min_visible=0.0, thorough=false, budget_ms=None, roi=None, mirror=false, surface="any", intrinsics=None, distortion=None, fisheye=false, threads=1))]
+    #[pyo3(signature = (models, profile="vga", threshold=0.8, *, min_visible=0.0, thorough=false, budget_ms=None, roi=None, mirror=false, surface="any", intrinsics=None, distortion=None, fisheye=false, threads=1, smooth=0))]
     #[allow(clippy::too_many_arguments, reason = "the arguments of Python, which have names")]
     fn new(
         py: Python<'_>,
@@ -312,7 +314,10 @@ impl Tracker {
         distortion: Option<&Bound<'_, PyAny>>,
         fisheye: bool,
         threads: usize,
+        smooth: i64,
     ) -> PyResult<Self> {
+        let frames = u8::try_from(smooth);
+        let smooth = frames.map_err(|_| PyValueError::new_err(format!("smooth: expected 0 to 255, got {smooth}")))?;
         let Detector { model, request, room } = Detector::new(
             py,
             models,
@@ -334,7 +339,7 @@ impl Tracker {
         )?;
         let room = room.into_inner().unwrap_or_else(PoisonError::into_inner);
         let trail = Mutex::new(Trail { room, follower: Follower::default(), size: None });
-        Ok(Self { model, request, trail })
+        Ok(Self { model, request: Request { smooth, ..request }, trail })
     }
 
     /// Follows the objects into the next frame, and searches it where needed. Each detection then has an

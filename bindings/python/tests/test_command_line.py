@@ -57,6 +57,17 @@ def test_the_sequence_tracked(model: keygraph.Model, model_file: Path, command: 
     assert any(lost), "an object is lost once"
 
 
+def test_the_sequence_smoothed(model: keygraph.Model, model_file: Path, command: Command) -> None:
+    lines = command("detect", "-m", model_file, "--json", "--track", "--smooth=5", *SEQUENCE)
+    smooth, plain = keygraph.Tracker(model, smooth=5), keygraph.Tracker(model)
+    results = [smooth.track(path).to_dict() for path in SEQUENCE]
+    assert_equal(lines, results)
+    assert any(result != plain.track(path).to_dict() for result, path in zip(results, SEQUENCE, strict=True))
+    for frames in (-1, 256):
+        with pytest.raises(ValueError, match="smooth: expected 0 to 255"):
+            keygraph.Tracker(model, smooth=frames)
+
+
 @pytest.mark.parametrize(
     ("arguments", "options"),
     [

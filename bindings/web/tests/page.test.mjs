@@ -109,9 +109,11 @@ describe("the page", () => {
     await page.check("#votes");
     await page.check("#triangles");
     await shows(page, "found", /^astronaut/);
+    await shows(page, "score", /^\d+ of 100$/);
+    const shots = process.env.KEYGRAPH_SCREENSHOTS;
+    if (shots) await page.screenshot({ path: join(shots, "web.png"), fullPage: true });
     await page.click("#stop");
     assert.equal(await page.isVisible("#stop"), false);
-    await shows(page, "score", /^\d+ of 100$/);
     assert.ok(await page.isVisible("#heat"));
     assert.equal(await page.locator("#table tr").count(), 6);
     assert.deepEqual(page.failures, []);

@@ -128,6 +128,10 @@ pub struct Arguments {
     /// Threads that search a frame together [default: one a processor, at most 8]
     #[arg(long, value_parser = clap::value_parser!(u8).range(1..=MAX_THREADS as i64))]
     pub threads: Option<u8>,
+    /// Average outlines over this many frames while they stand still [default: 8]: they tremble less, and lag by less
+    /// than a pixel of the searched frame
+    #[arg(long, value_name = "FRAMES", num_args = 0..=1, require_equals = true, default_missing_value = "8", value_parser = clap::value_parser!(u8).range(1..))]
+    pub smooth: Option<u8>,
     /// Search all of a frame for all of the models whenever it is searched
     #[arg(long)]
     pub thorough: bool,

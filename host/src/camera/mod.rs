@@ -172,6 +172,7 @@ pub fn camera(arguments: &Arguments) -> Result<()> {
         shape: arguments.surface,
         region: arguments.look.roi,
         mirror: arguments.look.mirror,
+        smooth: arguments.smooth.unwrap_or(0),
         threads: arguments.threads.map_or_else(default_threads, usize::from),
         ..Request::new(arguments.profile, arguments.threshold)
     };

@@ -108,6 +108,10 @@ pub struct Search {
     /// frames of a camera, in order
     #[arg(long)]
     track: bool,
+    /// Average the outlines of what is followed over this many frames while they stand still [default: 8]: they tremble
+    /// less, and lag by less than a pixel of the searched frame
+    #[arg(long, value_name = "FRAMES", requires = "track", num_args = 0..=1, require_equals = true, default_missing_value = "8", value_parser = clap::value_parser!(u8).range(1..))]
+    smooth: Option<u8>,
     /// The camera and its lens.
     #[command(flatten)]
     camera: CameraArguments,
@@ -177,6 +181,7 @@ pub fn search(bytes: &[u8], paths: &[PathBuf], arguments: &Search) -> Result<Exi
             depth: depth_of(arguments.thorough),
             wide: arguments.wide,
             digests: arguments.digests,
+            smooth: arguments.smooth.unwrap_or(0),
             ..Request::new(arguments.profile, arguments.threshold)
         },
         threads: arguments.threads.count(),

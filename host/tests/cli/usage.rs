@@ -26,6 +26,8 @@ fn a_wrong_command_line_ends_with_2() {
         &["detect", "-m", m, f, "--threshold", "high"],
         &["detect", "-m", m, f, "--threads", "0"],
         &["detect", "-m", m, f, "--track", "--json", "--digests"],
+        &["detect", "-m", m, f, "--smooth"],
+        &["detect", "-m", m, f, "--track", "--smooth=0"],
         &["detect", "-m", m, f, "--profile", "8k"],
         &["train", f],
         &["train", "-o", "m.kgm"],

@@ -205,6 +205,7 @@ class Tracker:
         distortion: Sequence[float] | NDArray[Any] | None = None,
         fisheye: bool = False,
         threads: int = 1,
+        smooth: int = 0,
     ) -> Tracker: ...
     def track(
         self,
