@@ -62,7 +62,8 @@ def test_the_sequence_smoothed(model: keygraph.Model, model_file: Path, command:
     smooth, plain = keygraph.Tracker(model, smooth=5), keygraph.Tracker(model)
     results = [smooth.track(path).to_dict() for path in SEQUENCE]
     assert_equal(lines, results)
-    assert any(result != plain.track(path).to_dict() for result, path in zip(results, SEQUENCE, strict=True))
+    as_they_come = [plain.track(path).to_dict() for path in SEQUENCE]
+    assert list(map(timeless, results)) != list(map(timeless, as_they_come))
     for frames in (-1, 256):
         with pytest.raises(ValueError, match="smooth: expected 0 to 255"):
             keygraph.Tracker(model, smooth=frames)
