@@ -67,10 +67,10 @@ pub mod progress;
 pub mod sensor;
 pub mod region;
 pub mod request;
+pub mod smooth;
 #[cfg(feature = "crew")]
 pub mod crew;
 pub mod search;
-pub mod smooth;
 pub mod wide;
 pub mod trail;
 pub mod margins;

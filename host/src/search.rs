@@ -6,6 +6,7 @@
 //! of the detector, and one pass over the picture to scale it.
 
 use std::borrow::Cow;
+use std::iter::repeat_with;
 use std::sync::{Mutex, MutexGuard};
 use std::time::{Duration, Instant};
 
@@ -226,6 +227,13 @@ impl Found {
         }
     }
 
+    /// What a tracker sees in a frame: number, detection, and surface where there is one.
+    fn instances(&mut self) -> impl Iterator<Item = (u32, &mut Detection, Option<&mut Surface>)> {
+        let surfaces = self.surfaces.iter_mut().map(Option::as_mut).chain(repeat_with(|| None));
+        let seen = self.tracking.iter().flat_map(|t| &t.seen).map(|(id, _)| *id);
+        seen.zip(&mut self.detections).zip(surfaces).map(|((id, d), surface)| (id, d, surface))
+    }
+
     /// Adds corners, keygraphs and supporters of the last frame.
     fn add_details(&mut self, detector: &AnyDetector, model: &Model<'_>) {
         self.corners = detector.corners().collect();
@@ -423,7 +431,9 @@ pub fn follow_frame(
     found.stats.stopped |= lacks_surfaces(&found, request, &mut watch);
     let seen = seen.iter().map(|t| (t.id, t.state)).collect();
     found.tracking = Some(Tracking { seen, lost, searched: tracker.searched() });
-    smoother.smooth(&mut found, model, request.smooth);
+    if request.smooth > 0 {
+        smoother.smooth(found.instances(), model, request.smooth);
+    }
     Ok(found)
 }
 

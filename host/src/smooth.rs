@@ -11,8 +11,6 @@ use std::collections::HashMap;
 
 use keygraph_core::{Detection, Homography, Model, Surface};
 
-use crate::search::Found;
-
 /// Distance from the average at which the new outline counts twice, px of the searched frame.
 const NEAR_PX: f32 = 0.5;
 
@@ -32,29 +30,26 @@ pub struct Smoother {
 }
 
 impl Smoother {
-    /// Forgets all instances.
-    pub fn reset(&mut self) {
-        self.known.clear();
-    }
-
-    /// Smooths the outlines and surfaces of a frame over about `frames` frames; 0 leaves them as they are. An instance
-    /// that was not in the frame before is taken as it is.
-    pub fn smooth(&mut self, found: &mut Found, model: &Model<'_>, frames: u8) {
-        let Some(tracking) = found.tracking.as_ref().filter(|_| frames > 0) else { return self.reset() };
+    /// Smooths the outlines and surfaces of a frame over about `frames` frames. `seen` are its instances: number,
+    /// outline, and surface where there is one. An instance that was not in the frame before is taken as it is.
+    pub fn smooth<'a>(
+        &mut self,
+        seen: impl Iterator<Item = (u32, &'a mut Detection, Option<&'a mut Surface>)>,
+        model: &Model<'_>,
+        frames: u8,
+    ) {
         let mut now = HashMap::new();
-        for (i, ((id, _), d)) in tracking.seen.iter().zip(&mut found.detections).enumerate() {
+        for (id, d, mut surface) in seen {
             let object = model.object(usize::from(d.object));
             let size = [object.width as f32, object.height as f32];
-            let surface = found.surfaces.get_mut(i).and_then(Option::as_mut);
-            let before = self.known.remove(id);
-            if let Some(before) = &before {
+            if let Some(before) = self.known.remove(&id) {
                 let share = share(&before.corners, &d.corners, frames);
                 *d = at(d, &mean(&before.corners, &d.corners, share), size);
-                if let (Some(then), Some(surface)) = (&before.surface, surface) {
+                if let (Some(then), Some(surface)) = (&before.surface, &mut surface) {
                     bend(then, surface, size, frames);
                 }
             }
-            now.insert(*id, Known { corners: d.corners, surface: found.surfaces.get(i).copied().flatten() });
+            now.insert(id, Known { corners: d.corners, surface: surface.copied() });
         }
         self.known = now;
     }
