@@ -24,6 +24,7 @@
     python3 scripts/evaluate lenses          calibrations by a picture, beside OpenCV's
     python3 scripts/evaluate memory          resident sizes of `keygraph camera`
     python3 scripts/evaluate pictures        the pictures of the pages, drawn by this build
+    python3 scripts/evaluate web             times of the browser package in Chromium
     python3 scripts/evaluate cluster         frames a second of examples/cluster
     python3 scripts/evaluate measure         all of these for the pages: their records
                                              (benches/record, docs/*.json), figures
@@ -85,12 +86,13 @@ MODULES = {
     "memory": "following",
     "cluster": "following",
     "pictures": "shots",
+    "web": "following",
     "lenses": "lenses",
     "measure": "measure",
 }
 # Modules that a command needs beside cv2 and numpy, where it is not matplotlib.
 OTHER_PACKAGES = {
-    **dict.fromkeys(("rivals", "costs", "tracking", "memory", "cluster", "lenses", "pictures"), []),
+    **dict.fromkeys(("rivals", "costs", "tracking", "memory", "cluster", "lenses", "pictures", "web"), []),
     "fit": ["matplotlib", "sklearn"],
 }
 OBJECTS = [os.path.join(PICTURES, f"{name}.jpg") for name in ("astronaut", "chelsea", "coffee", "hubble", "rocket")]
@@ -146,6 +148,7 @@ def parser():
     command("tracking", "How well rendered sequences are tracked, beside a search of every frame")
     command("lenses", "Errors of calibrations by a picture, beside those of OpenCV by a chessboard")
     command("pictures", "Draws the pictures of README and docs anew, and keeps their digests")
+    command("web", "Times of the browser package in headless Chromium")
     command("cluster", "Frames a second of examples/cluster, with one worker and with two")
     command("memory", "Resident sizes of `keygraph camera` with viewers, learners and models")
     add_measure(command("measure", "Measures what the pages show, and writes records, figures and tables"))

@@ -1,4 +1,4 @@
-"""The commands `tracking`, `memory` and `cluster`: sequences, a camera for months, and many frames on a cluster.
+"""The commands `tracking`, `memory`, `cluster` and `web`: sequences, a camera for months, a cluster, a browser.
 
 Each runs a script that others run, too, and gives its numbers.
 """
@@ -53,6 +53,16 @@ def cluster(args, folder):
         sys.exit("scripts/test-cluster --measure failed: see above")
     numbers = {**json.loads(done.stdout.splitlines()[-1]), "processors": os.cpu_count()}
     print("\n".join(tables.cluster(numbers)))
+    return numbers
+
+
+def web(args, folder):
+    """Times of the browser package in headless Chromium."""
+    done = subprocess.run([os.path.join(ROOT, "scripts", "test-web"), "--measure"], stdout=subprocess.PIPE, text=True)
+    if done.returncode or not done.stdout:
+        sys.exit("scripts/test-web --measure failed: see above")
+    numbers = json.loads(done.stdout.splitlines()[-1])
+    print("\n".join(f"{name}: {value:.3g}" for name, value in numbers.items()))
     return numbers
 
 

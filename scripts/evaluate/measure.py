@@ -32,6 +32,7 @@ PARTS = {
     "lenses": ([], 2),
     "memory": ([], 6),
     "cluster": ([], 6),
+    "web": ([], 2),
     "pictures": ([], 10),
 }
 # Files of the scorer: a run each.

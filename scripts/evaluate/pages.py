@@ -20,6 +20,7 @@ WHOLE = (os.path.join(DOCS, "measured.md"),)
 PAGES = (
     *WHOLE,
     os.path.join(ROOT, "README.md"),
+    os.path.join(ROOT, "bindings", "web", "README.md"),
     *(os.path.join(DOCS, f"{page}.md") for page in ("at-scale", "camera", "space")),
 )
 WORDS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")

@@ -217,6 +217,25 @@ def cluster(told=None):
     return head(["workers", "frames a second"]) + [row([n, f"{rate:.0f}"]) for n, rate in told["workers"].items()]
 
 
+# Timed by hand beside ours.
+MINDAR = {"training": "3.6 s", "model": "0.37 MB", "a search": "57 ms", "following": "", "found": "8"}
+
+
+def web():
+    """Times of the browser package, and of MindAR."""
+    told = read_record("web")
+    ours = {
+        "training": f"{told['train_s']:.1f} s",
+        "model": f"{told['model_mb']:.1f} MB (`compact`: {told['compact_mb']:.2f} MB)",
+        "a search": f"{told['search_ms']:.1f} ms",
+        "following": f"{told['follow_ms']:.1f} ms",
+        "found": str(told["found"]),
+    }
+    titles = {"found": "found in every fourth frame of the sequence, 9 of which show the picture"}
+    lines = [row([titles.get(what, what), value, MINDAR[what]]) for what, value in ours.items()]
+    return head(["", "Keygraph", "MindAR 1.2.5"]) + lines
+
+
 def lenses(told=None):
     """Calibrations by a picture and by a chessboard, three runs each."""
     told = told or read_record("lenses")
@@ -255,4 +274,5 @@ TABLES = {
     "memory": memory,
     "lenses": lenses,
     "cluster": cluster,
+    "web": web,
 }

@@ -3,44 +3,16 @@
 import assert from "node:assert/strict";
 import { execFileSync } from "node:child_process";
 import { readFileSync, readdirSync, writeFileSync } from "node:fs";
-import { createServer } from "node:http";
-import { basename, extname, join } from "node:path";
+import { basename, join } from "node:path";
 import { after, before, describe, test } from "node:test";
-import { chromium } from "playwright-core";
+import { launch, serve } from "./browser.mjs";
 import { PACKAGE, WORK, keygraph, lasting, lines, png } from "./common.mjs";
-
-const TYPES = {
-  ".html": "text/html", ".js": "text/javascript", ".wasm": "application/wasm", ".css": "text/css", ".jpg": "image/jpeg",
-  ".png": "image/png", ".svg": "image/svg+xml", ".webmanifest": "application/manifest+json",
-};
-const FLAGS = [
-  "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
-  "--disable-component-update", "--disable-sync", "--use-fake-ui-for-media-stream", "--use-fake-device-for-media-stream",
-];
 
 const SHOT = png("sequence/0005.jpg"); // What the camera shows.
 const PICTURE = png("pictures/astronaut.jpg");
 // Frames in CI; `KEYGRAPH_WEB_FRAMES=10000` for a long look.
 const FRAMES = Number(process.env.KEYGRAPH_WEB_FRAMES ?? 120);
 const BLUE = [0x4c, 0xc2, 0xff]; // Of the first object's outline.
-
-/** Serves the page, and pictures below /shots/; counts what other paths are asked for. */
-async function serve() {
-  const strange = [];
-  const server = createServer((request, response) => {
-    const path = new URL(request.url, "http://localhost").pathname;
-    const file = path.startsWith("/shots/") ? join(WORK, path.slice(7)) : join(PACKAGE, "site", path.endsWith("/") ? `${path}index.html` : path);
-    try {
-      const body = readFileSync(file);
-      response.writeHead(200, { "content-type": TYPES[extname(file)] ?? "application/octet-stream" }).end(body);
-    } catch {
-      strange.push(path);
-      response.writeHead(404).end();
-    }
-  });
-  await new Promise((go) => server.listen(0, "localhost", go));
-  return { server, strange, url: `http://localhost:${server.address().port}/` };
-}
 
 let site;
 let browser;
@@ -72,8 +44,7 @@ describe("the page", () => {
     const film = join(WORK, "camera.y4m");
     execFileSync("ffmpeg", ["-v", "error", "-y", "-loop", "1", "-framerate", "15", "-i", SHOT, "-t", "1", "-pix_fmt", "yuv420p", film]);
     site = await serve();
-    const executablePath = process.env.KEYGRAPH_CHROMIUM;
-    browser = await chromium.launch({ executablePath, args: [...FLAGS, `--use-file-for-fake-video-capture=${film}`] });
+    browser = await launch(`--use-file-for-fake-video-capture=${film}`);
   });
 
   after(async () => {

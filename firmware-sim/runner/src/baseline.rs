@@ -16,7 +16,7 @@ use std::process::Command;
 use anyhow::{Context, Result, bail};
 use serde_json::{Value, json};
 
-use crate::board::{STACK_LIMIT, root};
+use crate::board::{Machine, STACK_LIMIT, root};
 use crate::tables::Run;
 
 /// Maximum growth of the total, percent.
@@ -73,8 +73,11 @@ fn most(run: &Run) -> u64 {
     run.cost().last().map_or(0, |(_, _, most)| *most)
 }
 
-/// Most instructions between two questions whether a search goes on.
-const LONGEST: u64 = 200_000;
+/// Most instructions between two questions whether a search goes on. With the vectors of a Cortex-M55 one stretch of the
+/// hardest frames took 208,082 when this was written.
+const fn longest(machine: Machine) -> u64 {
+    if matches!(machine, Machine::M55) { 250_000 } else { 200_000 }
+}
 
 /// Compares a run on the sample, and one on hard frames, with the baseline. Returns one line for each
 /// figure that grew beyond its margin.
@@ -94,8 +97,9 @@ pub fn compare(run: &Run, worst: &Run) -> Result<Vec<String>> {
         lines.push(format!("{name}: the hardest frame takes {now} instructions, more than {before}"));
     }
     let silent = run.longest().max(worst.longest());
-    if silent > LONGEST {
-        lines.push(format!("{name}: {silent} instructions pass without a question, more than {LONGEST}"));
+    let most = longest(run.of.1);
+    if silent > most {
+        lines.push(format!("{name}: {silent} instructions pass without a question, more than {most}"));
     }
     Ok(lines)
 }
