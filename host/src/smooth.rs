@@ -2,8 +2,8 @@
 //!
 //! In: the detections of a frame, with the numbers that a tracker gave them. Out: the same, each moved towards where the
 //! frames before had it. An outline that stands still is averaged over some frames; one that moves is taken as it is: the
-//! farther it is from the average, in halves of a pixel, the more the new one counts. So the average never lags by more
-//! than some half a pixel of the searched frame, however fast an object moves, and jumps are followed at once.
+//! farther it is from the average, in halves of a pixel, the more the new one counts. So the average lags by less
+//! than a pixel of the searched frame, however fast an object moves, and jumps are followed at once.
 //!
 //! Memory: 1 KB for each instance. Cost: some hundred nanoseconds for each.
 

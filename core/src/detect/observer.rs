@@ -138,7 +138,7 @@ pub trait Observer {
     fn now(&mut self) -> u64;
 
     /// Returns whether the search goes on. It is asked every 200,000 instructions or more often (by one
-    /// core; less often with a crew), so that others can be given their turn, and a search can be told to stop. A search that is
+    /// core; every 250,000 with the vectors of a Cortex-M55; less often with a crew), so that others can be given their turn, and a search can be told to stop. A search that is
     /// stopped returns what it has found, [`Stats::stopped`], and does not ask again.
     fn goes_on(&mut self) -> bool {
         true
