@@ -10,8 +10,8 @@ use keygraph::search::{Profile, search};
 use keygraph_core::stages::keygraph::CELLS;
 use keygraph_core::stages::model::Tier;
 use keygraph_core::{
-    FeatureKind, Frame, Method, Model, PackError, Part, PixelFormat, TrainParams, VgaTrainer, ViewSpec, pack,
-    pack_parts, packed_len, packed_parts_len,
+    Detection, FeatureKind, Frame, Method, Model, Observer, Output, PackError, Part, PixelFormat, TrainParams,
+    VgaDetector, VgaTrainer, ViewSpec, pack, pack_parts, packed_len, packed_parts_len,
 };
 use keygraph_tests::{Sections, file, seal, small_model};
 
@@ -468,5 +468,58 @@ fn records_that_do_not_lie_together_are_no_part() {
         if let Some(part) = Part::of(model, 1..2) {
             Model::parse(&packed_parts(&[part])).unwrap();
         }
+    }
+}
+
+/// Keeps the poses that are looked at closely.
+#[derive(Default)]
+struct Poses(Vec<Detection>);
+
+impl Observer for Poses {
+    fn now(&mut self) -> u64 {
+        0
+    }
+
+    fn saw(&mut self, output: Output<'_>) {
+        if let Output::Scrutinised(d, _) = output {
+            self.0.push(*d);
+        }
+    }
+}
+
+/// A frame of the sequence, of which spots of `side` px hide a quarter here and there.
+fn spotted(name: &str, side: u32) -> Picture {
+    let mut picture = picture(&format!("sequence/{name}"));
+    let Pixels::Rgb8(rgb) = &mut picture.pixels else { panic!("{name} has no colour") };
+    for (i, v) in rgb.iter_mut().enumerate() {
+        let [x, y] = [i as u32 / 3 % picture.width, i as u32 / 3 / picture.width].map(|v| v % (2 * side) < side);
+        if x && y {
+            *v = 120;
+        }
+    }
+    picture
+}
+
+#[test]
+fn among_many_a_pose_in_doubt_has_the_votes_that_it_has_alone() {
+    static DETECTOR: Mutex<VgaDetector> = Mutex::new(VgaDetector::new());
+    let [alone, .., other] = &*MODELS;
+    let many = packed(&[vec![alone.clone()], vec![other.clone(); 19]].concat());
+    let mut detector = DETECTOR.lock().unwrap();
+    let mut poses = |model: &[u8], frame: &Picture, threshold: f32| {
+        let (model, mut poses) = (Model::parse(model).unwrap(), Poses::default());
+        let Pixels::Rgb8(rgb) = &frame.pixels else { panic!("the frame has no colour") };
+        let frame = Frame::new(PixelFormat::Rgb8, frame.width as usize, frame.height as usize, rgb).unwrap();
+        detector.detect(&frame, &model, threshold, &mut poses).unwrap();
+        poses.0.retain(|d| d.object == 0);
+        poses.0
+    };
+    for name in ["0001", "0002"] {
+        let frame = spotted(name, 4);
+        // With this threshold a search goes on to its last step.
+        let [alone, among] = [poses(alone, &frame, 0.94), poses(&many, &frame, 0.94)];
+        let [alone, early, among] = [alone.last(), among.first(), among.last()].map(Option::unwrap);
+        assert!(alone.score < 0.94 && early.votes < alone.votes, "{name}: in doubt, and the lists hold a part");
+        assert_eq!((among.votes, among.score), (alone.votes, alone.score), "{name}");
     }
 }

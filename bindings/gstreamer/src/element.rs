@@ -8,8 +8,9 @@
 use std::fmt::Debug;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{LazyLock, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use gst::glib;
 use gst::prelude::*;
 use gst::subclass::prelude::*;
@@ -21,8 +22,9 @@ use gstreamer_base as gst_base;
 use gstreamer_video as gst_video;
 use keygraph::learn::merge;
 use keygraph::report::frame_line;
-use keygraph::search::{Found, MAX_THREADS, Profile, Request, search_for};
+use keygraph::search::{Found, MAX_THREADS, Profile, Request, Shape, depth_of};
 use keygraph::trail::Trail;
+use keygraph::wide::search_widely;
 use keygraph_core::{DEFAULT_THRESHOLD, Model};
 
 use crate::drawing::outline;
@@ -55,7 +57,16 @@ struct Settings {
     profile: String,
     threshold: f32,
     min_visible: f32,
+    surface: String,
+    roi: String,
+    mirror: bool,
+    thorough: bool,
+    wide: bool,
+    all_names: bool,
+    /// Time of a search, ms; 0 for any.
+    budget_ms: f64,
     track: bool,
+    smooth: u32,
     overlay: bool,
     messages: bool,
 }
@@ -67,7 +78,15 @@ impl Default for Settings {
             profile: "vga".into(),
             threshold: DEFAULT_THRESHOLD,
             min_visible: 0.0,
+            surface: "any".into(),
+            roi: String::new(),
+            mirror: false,
+            thorough: false,
+            wide: false,
+            all_names: false,
+            budget_ms: 0.0,
             track: true,
+            smooth: 0,
             overlay: false,
             messages: true,
         }
@@ -96,16 +115,38 @@ impl Running {
         let mut models = settings.model.split(',').map(read).collect::<Result<Vec<_>>>()?;
         let model = if models.len() == 1 { models.swap_remove(0) } else { merge(&models)? };
         let model = Owned::try_new(model, |bytes| Model::parse(bytes)).with_context(|| settings.model.clone())?;
-        let known = Profile::NAMED.iter().find(|(name, _)| *name == settings.profile);
-        let Some(&(_, profile)) = known else {
-            bail!("profile: expected hd, vga, qvga or qqvga, got {}", settings.profile)
+        let profile = named("profile", &settings.profile, &Profile::NAMED)?;
+        if settings.track && settings.wide {
+            bail!("wide: set track=false; a tracker searches as it does without it");
+        }
+        if !settings.track && settings.smooth > 0 {
+            bail!("smooth: for outlines that are followed; leave track as it is");
+        }
+        let region = Some(settings.roi.as_str()).filter(|roi| !roi.is_empty()).map(str::parse).transpose();
+        let request = Request {
+            min_visible: settings.min_visible,
+            shape: named("surface", &settings.surface, &Shape::NAMED)?,
+            region: region.map_err(|e| anyhow!("roi: {e}"))?,
+            mirror: settings.mirror,
+            depth: depth_of(settings.thorough),
+            wide: settings.wide,
+            all_names: settings.all_names,
+            budget: (settings.budget_ms > 0.0).then(|| Duration::from_secs_f64(settings.budget_ms / 1e3)),
+            smooth: u8::try_from(settings.smooth).unwrap_or(u8::MAX),
+            ..Request::new(profile, settings.threshold)
         };
-        let request = Request { min_visible: settings.min_visible, ..Request::new(profile, settings.threshold) };
         static NEXT: AtomicUsize = AtomicUsize::new(0);
         let slot = NEXT.fetch_add(1, Ordering::Relaxed) % MAX_THREADS;
         let trail = settings.track.then(Trail::default);
         Ok(Self { model, request, trail, sequence: 0, frame: 0, slot, info: None })
     }
+}
+
+/// The value of this name.
+fn named<T: Copy>(what: &str, name: &str, all: &[(&str, T)]) -> Result<T> {
+    let names = || all.iter().map(|(name, _)| *name).collect::<Vec<_>>().join(", ");
+    let known = all.iter().find(|(known, _)| *known == name);
+    known.map(|&(_, value)| value).with_context(|| format!("{what}: expected one of {}; got {name}", names()))
 }
 
 impl Debug for Running {
@@ -146,11 +187,25 @@ impl ObjectImpl for Own {
             let flag = |name: &str, blurb: &str, default: bool| {
                 glib::ParamSpecBoolean::builder(name).blurb(blurb).default_value(default).mutable_ready().build()
             };
+            let milliseconds = |name: &str, blurb: &str| {
+                glib::ParamSpecDouble::builder(name).blurb(blurb).minimum(0.0).maximum(1e6).mutable_ready().build()
+            };
+            let frames = |name: &str, blurb: &str| {
+                glib::ParamSpecUInt::builder(name).blurb(blurb).maximum(u8::MAX.into()).mutable_ready().build()
+            };
             vec![
                 string("model", "Model file (.kgm); several have commas between them", ""),
                 string("profile", "Size that frames are searched at: hd, vga, qvga, qqvga", &all.profile),
                 share("threshold", "Minimum score of a detection", all.threshold),
                 share("min-visible", "Minimum share of an object that must be seen and agree", all.min_visible),
+                string("surface", "Shape that objects may have: any, plane", &all.surface),
+                string("roi", "Part of each frame that is searched: x,y,width,height, px or percent", &all.roi),
+                flag("mirror", "Search frames mirrored left to right", all.mirror),
+                flag("thorough", "Search all of each frame, and again in tiles", all.thorough),
+                flag("wide", "Without track: find what is seen from far to the side, too", all.wide),
+                flag("all-names", "Report all objects that could be at a place", all.all_names),
+                milliseconds("budget-ms", "Time after which the search of a frame is stopped, ms; 0: none"),
+                frames("smooth", "With track: frames over which outlines that stand still are averaged; 0: none"),
                 flag("track", "Follow objects from frame to frame, instead of searching every frame", all.track),
                 flag("overlay", "Draw outlines into the frames", all.overlay),
                 flag("messages", "Post a message `keygraph` for each frame, whose `json` is its line", all.messages),
@@ -168,6 +223,14 @@ impl ObjectImpl for Own {
             "profile" => settings.profile = text(),
             "threshold" => settings.threshold = value.get().unwrap_or(DEFAULT_THRESHOLD),
             "min-visible" => settings.min_visible = value.get().unwrap_or_default(),
+            "surface" => settings.surface = text(),
+            "roi" => settings.roi = text(),
+            "mirror" => settings.mirror = value.get().unwrap_or_default(),
+            "thorough" => settings.thorough = value.get().unwrap_or_default(),
+            "wide" => settings.wide = value.get().unwrap_or_default(),
+            "all-names" => settings.all_names = value.get().unwrap_or_default(),
+            "budget-ms" => settings.budget_ms = value.get().unwrap_or_default(),
+            "smooth" => settings.smooth = value.get().unwrap_or_default(),
             "track" => settings.track = value.get().unwrap_or(true),
             "overlay" => settings.overlay = value.get().unwrap_or_default(),
             _ => settings.messages = value.get().unwrap_or(true),
@@ -181,6 +244,14 @@ impl ObjectImpl for Own {
             "profile" => settings.profile.to_value(),
             "threshold" => settings.threshold.to_value(),
             "min-visible" => settings.min_visible.to_value(),
+            "surface" => settings.surface.to_value(),
+            "roi" => settings.roi.to_value(),
+            "mirror" => settings.mirror.to_value(),
+            "thorough" => settings.thorough.to_value(),
+            "wide" => settings.wide.to_value(),
+            "all-names" => settings.all_names.to_value(),
+            "budget-ms" => settings.budget_ms.to_value(),
+            "smooth" => settings.smooth.to_value(),
             "track" => settings.track.to_value(),
             "overlay" => settings.overlay.to_value(),
             _ => settings.messages.to_value(),
@@ -264,7 +335,7 @@ impl BaseTransformImpl for Own {
         let model = model.borrow_dependent();
         let found = match trail {
             Some(trail) => trail.next(*sequence, &picture, model, request, *slot),
-            None => search_for(&picture, model, request, *slot),
+            None => search_widely(&picture, model, request, *slot..*slot + 1),
         };
         let found = found.map_err(|e| {
             gst::element_imp_error!(self, gst::StreamError::Failed, ["keygraphdetect: {e:#}"]);

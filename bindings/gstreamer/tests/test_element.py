@@ -81,6 +81,15 @@ class Element(unittest.TestCase):
         for caps in ("I420", "NV12"):
             self.assertEqual(self.frames(caps, "track=false"), expected, caps)
         self.assertEqual(self.frames("I420"), self.detect("--track", film))
+        self.assertEqual(self.frames("I420", "smooth=6"), self.detect("--track", "--smooth=6", film))
+        for options, flags in (
+            (["roi=10%,5%,80%,90%", "surface=plane"], ["--roi", "10%,5%,80%,90%", "--surface", "plane"]),
+            (["mirror=true", "all-names=true"], ["--mirror", "--all-names"]),
+            (["thorough=true", "profile=qvga"], ["--thorough", "--profile", "qvga"]),
+            (["wide=true"], ["--wide"]),
+        ):
+            expected = self.detect("--threads", "1", *flags, film)
+            self.assertEqual(self.frames("I420", "track=false", *options), expected, options)
 
     def test_gray_frames_and_odd_sizes_pass(self):
         self.assertTrue(any(line["detections"] for line in self.frames("GRAY8")))
@@ -133,7 +142,11 @@ class Element(unittest.TestCase):
             ([], "set model=FILE.kgm"),
             (["model=/nowhere.kgm"], "/nowhere.kgm: No such file"),
             ([f"model={damaged}"], "damaged.kgm"),
-            ([f"model={self.model}", "profile=4k"], "expected hd, vga, qvga or qqvga, got 4k"),
+            ([f"model={self.model}", "profile=4k"], "expected one of hd, vga, qvga, qqvga; got 4k"),
+            ([f"model={self.model}", "surface=round"], "expected one of any, plane; got round"),
+            ([f"model={self.model}", "roi=1,2"], "roi: "),
+            ([f"model={self.model}", "wide=true"], "wide: set track=false"),
+            ([f"model={self.model}", "track=false", "smooth=3"], "smooth: for outlines that are followed"),
         ]:
             status, printed = launch("videotestsrc", "num-buffers=1", "!", "keygraphdetect", *options, "!", *sink)
             self.assertNotEqual(status, 0)

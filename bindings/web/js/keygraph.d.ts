@@ -108,6 +108,13 @@ export interface SearchOptions {
   minVisible?: number;
   /** Search all of each frame, and again in tiles: finds small objects, in three times the time. */
   thorough?: boolean;
+  /** For detectors: find what is seen from far to the side, too, up to some 80 degrees. Eight more searches a frame. */
+  wide?: boolean;
+  /**
+   * For trackers: average outlines over this many frames while they stand still, 1 to 255, so that drawings do not
+   * tremble. An outline that moves lags by less than a pixel of the searched frame.
+   */
+  smooth?: number;
   /** Report all objects that could be at a place, and not the best alone. */
   allNames?: boolean;
   /** Stop the search of a frame after this time, ms, and report what was found. */

@@ -6,8 +6,9 @@
 
 use keygraph::pose::{Calibration, Width};
 use keygraph::report::frame_line;
-use keygraph::search::{Found, Profile, Request, Shape, depth_of, search_for};
+use keygraph::search::{Found, Profile, Request, Shape, depth_of};
 use keygraph::trail::Trail;
+use keygraph::wide::search_widely;
 use keygraph_core::{DEFAULT_THRESHOLD, Intrinsics, Lens, Model};
 use serde_json::json;
 
@@ -75,6 +76,15 @@ impl Lookout {
             }
             ms => ms.map(|ms| std::time::Duration::from_secs_f64(ms / 1e3)),
         };
+        if options.track && options.wide {
+            return Err(Failure::value("wide: for detectors; a tracker searches as they do without it"));
+        }
+        if options.wide && (options.distortion.is_some() || options.digests) {
+            return Err(Failure::value("wide: leave out distortion and digests"));
+        }
+        if !options.track && options.smooth > 0 {
+            return Err(Failure::value("smooth: for trackers; a detector takes each frame by itself"));
+        }
         let region = options.roi.as_deref().map(str::parse).transpose();
         let request = Request {
             budget,
@@ -85,6 +95,8 @@ impl Lookout {
             region: region.map_err(|e| Failure::value(format!("roi: {e}")))?,
             mirror: options.mirror,
             depth: depth_of(options.thorough),
+            wide: options.wide,
+            smooth: options.smooth,
             digests: options.digests,
             ..Request::new(profile, share("threshold", options.threshold.unwrap_or(DEFAULT_THRESHOLD))?)
         };
@@ -107,7 +119,7 @@ impl Lookout {
                 }
                 trail.next(self.sequence, &picture, &self.model, &request, 0)?
             }
-            None => search_for(&picture, &self.model, &request, 0)?,
+            None => search_widely(&picture, &self.model, &request, 0..1)?,
         };
         let places = self.calibration.as_ref().map(|c| c.places(&self.model, &found));
         let size = (picture.width, picture.height);

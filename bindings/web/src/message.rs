@@ -116,6 +116,12 @@ pub struct Open {
     /// Whether all of each frame is searched, and again in tiles.
     #[serde(default)]
     pub thorough: bool,
+    /// Whether frames are searched for what is seen from far to the side, too.
+    #[serde(default)]
+    pub wide: bool,
+    /// Number of frames over which outlines that stand still are averaged; for trackers.
+    #[serde(default)]
+    pub smooth: u8,
     /// Whether all names at a place are reported.
     #[serde(default)]
     pub all_names: bool,

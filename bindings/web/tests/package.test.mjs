@@ -78,6 +78,7 @@ for (const name of ["keygraph", "keygraph-simd"]) {
         [{ profile: "hd", thorough: true }, ["--profile", "hd", "--thorough"]],
         [{ roi: "10%,5%,80%,90%", minVisible: 0.3 }, ["--roi", "10%,5%,80%,90%", "--min-visible", "0.3"]],
         [{ mirror: true }, ["--mirror"]],
+        [{ wide: true }, ["--wide"]],
       ]) {
         const detector = await Keygraph.detector(models[0], options);
         const [expected] = lines("detect", "-m", join(WORK, "astronaut.kgm"), "--json", ...flags, SHOWN[1]);
@@ -88,12 +89,18 @@ for (const name of ["keygraph", "keygraph-simd"]) {
 
     test("a tracker gives the lines of this machine, and starts anew", async () => {
       const folder = SHOWN.slice(0, 6);
-      const expected = lines("detect", "-m", join(WORK, "both.kgm"), "--json", "--track", ...folder);
-      const tracker = await Keygraph.tracker(both);
-      for (const [i, file] of folder.entries()) {
-        const line = await tracker.track(rgba(file), { frame: expected[i].frame });
-        assert.deepEqual(lasting(line), lasting(expected[i]), file);
-      }
+      const expected = (...flags) => lines("detect", "-m", join(WORK, "both.kgm"), "--json", "--track", ...flags, ...folder);
+      const follow = async (tracker, all) => {
+        for (const [i, file] of folder.entries()) {
+          const line = await tracker.track(rgba(file), { frame: all[i].frame });
+          assert.deepEqual(lasting(line), lasting(all[i]), file);
+        }
+      };
+      const [tracker, smooth] = [await Keygraph.tracker(both), await Keygraph.tracker(both, { smooth: 5 })];
+      const [plain, smoothed] = [expected(), expected("--smooth=5")];
+      await follow(tracker, plain);
+      await follow(smooth, smoothed);
+      assert.notDeepEqual(smoothed.map(lasting), plain.map(lasting));
       const ids = async () => (await tracker.track(rgba(SHOWN[0]))).detections.map((d) => d.id);
       const before = await ids();
       await tracker.reset();
@@ -172,6 +179,10 @@ for (const name of ["keygraph", "keygraph-simd"]) {
       await fails(Keygraph.detector(models[0], { roi: "1,2" }), "value", /roi/);
       await fails(Keygraph.detector(models[0], { widthMm: 10 }), "value", /both intrinsics and widthMm/);
       await fails(Keygraph.detector(models[0], { distortion: [0, 0, 0, 0] }), "value", /distortion needs intrinsics/);
+      await fails(Keygraph.detector(models[0], { smooth: 5 }), "value", /smooth: for trackers/);
+      await fails(Keygraph.tracker(models[0], { smooth: 256 }), "value", /u8/);
+      await fails(Keygraph.tracker(models[0], { wide: true }), "value", /wide: for detectors/);
+      await fails(Keygraph.detector(models[0], { wide: true, digests: true }), "value", /leave out/);
       await fails(Keygraph.assess(both, { picture: grey }), "value", /one by one/);
       await fails(Keygraph.assess(await Keygraph.read(models[0].data)), "value", /picture that the model was made from/);
       assert.throws(() => new Model({}), KeygraphError);

@@ -13,7 +13,7 @@ export async function main(picture: ImageBitmap, video: HTMLVideoElement, canvas
   const report = await Keygraph.assess(model, { views: 2, onProgress: (done, all) => console.log(done / all) });
   canvas.getContext("2d")?.putImageData(report.heat, 0, 0);
   const detector = await Keygraph.detector([model, again], { profile: "qvga", threshold: 0.7, minVisible: 0.2, roi: "0,0,50%,100%" });
-  const tracker = await Keygraph.tracker(both, { intrinsics: [600, 600, 320, 240], widthMm: { cover: 210 } });
+  const tracker = await Keygraph.tracker(both, { intrinsics: [600, 600, 320, 240], widthMm: { cover: 210 }, smooth: 8 });
   const line: FrameResult = await detector.detect(canvas, { details: true });
   const corners: Float32Array | undefined = line.details?.corners;
   console.log(corners?.length, line.time_ms["total"], model.objects[0]?.name, model.warnings.join());

@@ -97,6 +97,7 @@ impl Detection {
 
     /// Whether the detection names a place better than `other`, a rival, does: by the parts in which their objects
     /// differ.
+    #[inline(never)]
     #[must_use]
     pub fn beats(&self, other: &Self) -> bool {
         let (fit, others) = (self.fit(), other.fit());

@@ -14,13 +14,19 @@ use crate::base::geometry::{Homography, area, contains};
 use crate::base::math;
 use crate::base::pace::Pace;
 use crate::detect::appearance::Appearance;
-use crate::detect::detection::{Detection, Detections};
+use crate::detect::classify::classify;
+use crate::detect::detection::{Detection, Detections, is_inside};
+use crate::detect::pairing::Pairing;
 use crate::detect::pose::{AGREEMENT, CORNER_NOISE_PX, MAX_CORNERS};
 use crate::detect::scene::{Scene, span, vertices};
 use crate::detect::vote::{Vote, Votes};
 use crate::extract::keygraph::Keygraph;
 use crate::image::pyramid::to_level0;
+use crate::model::format::Tier;
 use crate::model::parse::Model;
+
+/// Number of votes above which more of them do not raise a score.
+pub(crate) const ENOUGH: u16 = 132;
 
 /// Tests whether votes agree with a pose.
 pub(crate) struct Agreement {
@@ -37,6 +43,7 @@ impl Agreement {
     }
 
     /// Whether vote `v` agrees. `to` are the vertices of its frame keygraph, frame px.
+    #[inline(never)]
     pub(crate) fn holds(&self, model: &Model<'_>, v: &Vote, to: [[f32; 2]; 3]) -> bool {
         if v.object != self.object {
             return false;
@@ -110,6 +117,32 @@ pub(crate) fn weigh(
     }
     evidence.keygraphs = id(scene.keygraphs.iter().filter(|k| within(k)).count());
     d.score = score(&d.appearance, &evidence);
+}
+
+/// Counts the votes for a pose among all keygraphs of its object, at most about [`ENOUGH`]: what a search for that object
+/// alone would count. A search by lists compares a few of them.
+#[inline(never)]
+pub(crate) fn count_votes(scene: &Scene<'_>, model: &Model<'_>, d: &Detection, pace: &mut dyn Pace) -> u16 {
+    let agrees = Agreement::new(d);
+    let matching = &model.method().parameters().matching;
+    let mut votes = 0;
+    for (i, k) in scene.keygraphs.iter().enumerate() {
+        if votes >= ENOUGH || !pace.goes_on() {
+            break;
+        }
+        if !is_inside(core::slice::from_ref(d), vertices(scene.points, k)[0].1) {
+            continue;
+        }
+        for tier in [Tier::First(d.object), Tier::Second(d.object)] {
+            let near = classify(model, tier, k, &scene.features[i], matching);
+            for m in near.into_iter().flatten() {
+                let pairing = Pairing::new(scene, model, id(i), m);
+                let vote = pairing.weight(scene, model).and_then(|w| pairing.vote(w));
+                votes += u16::from(vote.is_some_and(|v| agrees.holds(model, &v, pairing.in_frame())));
+            }
+        }
+    }
+    votes
 }
 
 /// Inserts a detection into the list, best score first, if it scores at least `threshold`, is
@@ -194,6 +227,8 @@ mod tests {
     use super::*;
     use crate::base::capacity::DETECTIONS;
     use crate::base::pace::Steady;
+    use crate::detect::belief::believe;
+    use crate::detect::scrutiny::Scrutiny;
 
     #[test]
     fn the_score_moves_with_each_piece_of_evidence() {
@@ -213,6 +248,20 @@ mod tests {
         assert!(with(&|a, _| a.inside += 6) > base);
         assert!(with(&|_, e| e.votes += 15) < base, "votes that disagree");
         assert_eq!(with(&|a, _| a.blocks = 3), 0.0, "too little to see");
+    }
+
+    #[test]
+    fn more_votes_than_enough_raise_no_score() {
+        let mut seed = 1u32;
+        for _ in 0..2000 {
+            let seen = Scrutiny(core::array::from_fn(|_| {
+                seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                (seed >> 24) as u8
+            }));
+            let score = |votes| believe(&seen.with_votes(votes));
+            assert_eq!(score(ENOUGH), score(u16::MAX), "{seen:?}");
+            assert!(score(0) <= score(ENOUGH));
+        }
     }
 
     fn at(object: u16, x: f32, score: f32) -> Detection {

@@ -29,6 +29,7 @@ pub mod help;
 pub mod plan;
 pub mod tile;
 pub mod scene;
+pub mod pairing;
 pub mod evidence;
 pub mod search;
 pub mod buffers;

@@ -118,6 +118,8 @@ pub struct Step {
     /// Minimum evidence for a detection in the decision after the step's votes are cast; `None`
     /// when there is no decision.
     pub decide: Option<Bar>,
+    /// Whether all keygraphs of an object are asked about a pose in doubt. The step compares a part of them.
+    pub counts: bool,
 }
 
 /// Order of the steps of a search for all objects at once.
@@ -215,7 +217,7 @@ impl Plan {
         let bar = if last { self.bar_of_lists(lists) } else { self.first_bar() };
         let always = i == 0 || objects <= lists.few;
         let when = if always { When::Always } else { When::InDoubtOrOpen(lists.doubt) };
-        Some(Step { tier, levels, when, matching, decide: Some(bar) })
+        Some(Step { tier, levels, when, matching, decide: Some(bar), counts: last })
     }
 
     /// Step `i` of a search for one object. The steps cover more and more of the model and of the
@@ -231,7 +233,7 @@ impl Plan {
             true => Some(Bar { impression: self.rules.impression, score: self.wish.threshold, ..Bar::NONE }),
             false => (!thorough).then(|| self.first_bar()),
         };
-        Some(Step { tier: tiers[i % n], levels, when, matching: self.rules.matching, decide })
+        Some(Step { tier: tiers[i % n], levels, when, matching: self.rules.matching, decide, counts: false })
     }
 
     /// Minimum evidence for a detection while parts of the model or the frame are still unsearched.
@@ -263,7 +265,7 @@ mod tests {
 
     /// The steps of a round as a table, one line for each step. A line holds tier, levels and
     /// condition, then the bits and marks that may differ, then minimum weight, score, heavy weight
-    /// and support.
+    /// and support, and whether a pose in doubt is asked about.
     fn table(scope: Scope, method: Method, wish: Wish, round: usize) -> Vec<String> {
         let plan = Plan::new(scope, method.parameters(), wish);
         let line = |s: Step| {
@@ -271,7 +273,8 @@ mod tests {
                 format!("{} {:.3} {:.3} {} {}", b.weight, b.impression, b.score, b.heavy, b.support)
             });
             let MatchRule { max_bits, max_marks, .. } = s.matching;
-            format!("{:?} {:?} {:?} | {max_bits} {max_marks} | {bar}", s.tier, s.levels, s.when)
+            let counts = if s.counts { ", counts" } else { "" };
+            format!("{:?} {:?} {:?} | {max_bits} {max_marks} | {bar}{counts}", s.tier, s.levels, s.when)
         };
         (0..).map_while(|i| plan.step(round, i)).map(line).collect()
     }
@@ -335,7 +338,7 @@ mod tests {
                 "Shortlist Coarse Always | 6 18 | 12 0.990 0.800 100 16",
                 "Shortlist Finest Always | 6 18 | 12 0.990 0.800 100 16",
                 "Longlist Coarse Always | 6 18 | 12 0.990 0.800 100 16",
-                "Longlist Finest Always | 6 18 | 8 0.600 0.800 0 0",
+                "Longlist Finest Always | 6 18 | 8 0.600 0.800 0 0, counts",
             ]
         );
     }
@@ -349,12 +352,12 @@ mod tests {
                 "Shortlist Coarse Always | 3 16 | 12 0.990 0.800 100 16",
                 "Shortlist Finest InDoubtOrOpen(20) | 3 16 | 12 0.990 0.800 100 16",
                 "Longlist Coarse InDoubtOrOpen(20) | 4 16 | 12 0.990 0.800 100 16",
-                "Longlist Finest InDoubtOrOpen(20) | 4 16 | 8 0.600 0.800 0 0",
+                "Longlist Finest InDoubtOrOpen(20) | 4 16 | 8 0.600 0.800 0 0, counts",
             ]
         );
         let thousand = table(scope(1000), Method::Keygraph, WISH, 0);
         assert_eq!(thousand[0], "Shortlist Coarse Always | 2 16 | 12 0.990 0.800 100 16");
-        assert_eq!(thousand[3], "Longlist Finest InDoubtOrOpen(20) | 4 16 | 8 0.984 0.800 0 0");
+        assert_eq!(thousand[3], "Longlist Finest InDoubtOrOpen(20) | 4 16 | 8 0.984 0.800 0 0, counts");
     }
 
     #[test]

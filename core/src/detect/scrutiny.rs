@@ -27,6 +27,15 @@ pub const PROPERTIES: usize = 12;
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Scrutiny(pub [u8; PROPERTIES]);
 
+impl Scrutiny {
+    /// The same with another number of votes that agree.
+    #[inline(never)]
+    pub(crate) fn with_votes(mut self, votes: u16) -> Self {
+        self.0[PROPERTIES - 1] = share(math::ln(1.0 + f32::from(votes)) * 40.0 / 255.0);
+        self
+    }
+}
+
 /// Names of the properties, in their order. 255 stands for the number in brackets.
 ///
 /// - `agree`: mean agreement of the textured cells (1).
@@ -320,8 +329,7 @@ pub fn scrutinise(view: &PyramidView<'_>, model: &Model<'_>, d: &Detection, pace
         cells.copy_from_slice(&properties(&lay(view, &o, d, pace), &trace(view, &o, d, pace)));
     }
     others[0] = share(f32::from(d.appearance.inside) / BLOCKS_OF_ALL);
-    others[1] = share(math::ln(1.0 + f32::from(d.votes)) * 40.0 / 255.0);
-    Some(Scrutiny(values))
+    Some(Scrutiny(values).with_votes(d.votes))
 }
 
 #[cfg(test)]

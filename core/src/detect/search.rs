@@ -16,8 +16,7 @@ use heapless::{Vec, VecView};
 
 use crate::base::capacity::{Buffer, CANDIDATES, LEVELS, Stage, StageStats, count, id};
 use crate::base::crew::Team;
-use crate::base::geometry::{Homography, Point, area};
-use crate::base::math;
+use crate::base::geometry::{Homography, area};
 use crate::base::pace::Pace;
 use crate::base::sort::sort_by_key;
 use crate::detect::align::refine;
@@ -25,25 +24,27 @@ use crate::detect::appearance::appearance;
 use crate::detect::belief::believe;
 use crate::detect::classify::{Match, NEIGHBOURS, Nearest, classify};
 use crate::detect::detection::{Detection, Detections};
-use crate::detect::evidence::{self, is_found, weigh};
+use crate::detect::evidence::{self, ENOUGH, is_found, weigh};
 use crate::detect::finder::Finder;
 use crate::detect::help::Block;
 use crate::detect::hough::{self, Bin, Candidate};
 use crate::detect::observer::Output;
+use crate::detect::pairing::Pairing;
 use crate::detect::plan::{Levels, Plan, Settle, Step, When};
 use crate::detect::pose::{self, Normalised, PRIORS, Pair, Prior, collect_pairs, count_agreeing};
 use crate::detect::scene::{Context, FINEST, Scene, vertices};
 use crate::detect::scrutiny::scrutinise;
 use crate::detect::tile::Tile;
-use crate::detect::verify::likeness;
-use crate::detect::vote::{Vote, Votes, cast};
-use crate::extract::feature::FeatureKind;
+use crate::detect::vote::{Vote, Votes};
 use crate::image::pyramid::PyramidView;
 use crate::model::method::Bar;
-use crate::model::parse::{Model, Object, View};
+use crate::model::parse::Model;
 
 /// Minimum support of a pose that is not grown a second time, in blocks that agree.
 const CONVINCING: f32 = 8.0;
+
+/// Score below which a pose is in doubt.
+const SURE: f32 = 0.95;
 
 /// Number of keygraphs that are matched before their matches are verified.
 pub(crate) const CHUNK: usize = 16;
@@ -231,8 +232,8 @@ impl Search<'_, '_> {
                 Piece::Candidate(0)
             }
             Piece::Candidate(i) => {
-                let bar = step().and_then(|s| s.decide).unwrap_or(Bar::NONE);
-                if self.examine(usize::from(i), &bar, plan.visible()) {
+                let (bar, counts) = step().map_or((Bar::NONE, false), |s| (s.decide.unwrap_or(Bar::NONE), s.counts));
+                if self.examine(usize::from(i), &bar, (plan.visible(), counts)) {
                     Piece::Candidate(i + 1)
                 } else {
                     self.end_decision(plan, at)
@@ -354,7 +355,7 @@ impl Search<'_, '_> {
         let (scene, model, found) = (&self.scene, self.context.model, &self.findings.detections);
         let Some((team, block)) = &mut self.hands else { return };
         block.hold(*team, (id(first), id(end)), self.context.laps, &|i| {
-            let weighed = |m| (m, weight_of(scene, model, &corresponding(scene, model, i, m)));
+            let weighed = |m| (m, Pairing::new(scene, model, i, m).weight(scene, model));
             nearest(scene, model, step, found, i).map(|m| m.map(weighed))
         });
     }
@@ -389,13 +390,12 @@ impl Search<'_, '_> {
             if !context.laps.goes_on() {
                 break;
             }
-            let pair = corresponding(scene, model, i, m);
+            let pairing = Pairing::new(scene, model, i, m);
             let weight = match hands {
                 Some((_, block)) => block.get(i).into_iter().flatten().find(|w| w.0 == m).and_then(|w| w.1),
-                None => weight_of(scene, model, &pair),
+                None => pairing.weight(scene, model),
             };
-            let (object, view, triangles) = &pair;
-            let Some(v) = weight.and_then(|w| cast(object, view, m, i, *triangles, w)) else { continue };
+            let Some(v) = weight.and_then(|w| pairing.vote(w)) else { continue };
             match votes.cast(v) {
                 Ok(()) => stats.kept += 1,
                 Err(_) => stats.dropped += 1,
@@ -421,10 +421,11 @@ impl Search<'_, '_> {
         candidates.retain(|c| !is_found(detections, c.object, c.pose.centre));
     }
 
-    /// Turns candidate `i` into a pose, and keeps it if there is enough evidence. Returns whether there
-    /// is another one to look at.
+    /// Turns candidate `i` into a pose, and keeps it if there is enough evidence: at least `visible` of its object must
+    /// be seen, and with `counts` all keygraphs of its object are asked when it is in doubt. Returns whether there is
+    /// another one to look at.
     #[inline(never)]
-    fn examine(&mut self, i: usize, bar: &Bar, visible: f32) -> bool {
+    fn examine(&mut self, i: usize, bar: &Bar, (visible, counts): (f32, bool)) -> bool {
         let (model, rules) = (self.context.model, self.context.model.method().parameters());
         let Some(&candidate) = self.findings.candidates.get(i) else { return false };
         if self.context.laps.stopped || candidate.weight < bar.weight {
@@ -437,14 +438,11 @@ impl Search<'_, '_> {
             {
                 d.agreeing = count_agreeing(&map, self.pairs, &d.homography);
                 weigh(&self.scene, self.votes, model, &mut d, self.context.laps);
-                if d.score >= bar.impression && d.appearance.visible >= visible {
-                    let seen = scrutinise(&self.scene.pyramid, model, &d, self.context.laps);
-                    // What has not been looked at whole is not believed.
-                    if let Some(seen) = seen.filter(|_| !self.context.laps.stopped) {
-                        d.score = believe(&seen);
-                        self.context.laps.end(self.context.tally, Output::Scrutinised(&d, &seen));
-                        self.accept(&d, bar.score);
-                    }
+                if d.score >= bar.impression
+                    && d.appearance.visible >= visible
+                    && self.scrutinise(&mut d, bar.score, counts)
+                {
+                    self.accept(&d, bar.score);
                 }
             }
         } else {
@@ -452,6 +450,28 @@ impl Search<'_, '_> {
         }
         self.context.laps.end(self.context.tally, Output::Detections(&self.findings.detections));
         true
+    }
+
+    /// Looks at a pose again, and scores it. With `counts` all votes for a pose in doubt are counted, if they can bring its
+    /// score to `least`. Returns whether it was looked at whole: what was not is not believed.
+    #[inline(never)]
+    fn scrutinise(&mut self, d: &mut Detection, least: f32, counts: bool) -> bool {
+        let Self { scene, context, findings, .. } = self;
+        let Some(mut seen) = scrutinise(&scene.pyramid, context.model, d, context.laps) else { return false };
+        d.score = believe(&seen);
+        if counts
+            && d.score < SURE
+            && believe(&seen.with_votes(ENOUGH)) >= least
+            && !findings.detections.iter().any(|other| other.beats(d))
+        {
+            d.votes = d.votes.max(evidence::count_votes(scene, context.model, d, context.laps));
+            seen = seen.with_votes(d.votes);
+            d.score = believe(&seen);
+        }
+        if !context.laps.stopped {
+            context.laps.end(context.tally, Output::Scrutinised(d, &seen));
+        }
+        !context.laps.stopped
     }
 
     /// Grows and aligns a candidate with each prior until a pose is convincing. Returns the pose
@@ -548,30 +568,4 @@ fn nearest(scene: &Scene<'_>, model: &Model<'_>, step: &Step, found: &Detections
         return [None; NEIGHBOURS];
     }
     classify(model, step.tier, k, &scene.features[usize::from(i)], &step.matching)
-}
-
-/// The object and the view of the model keygraph of a match, and the vertices in that view and in the frame, px.
-fn corresponding<'a>(
-    scene: &Scene<'_>,
-    model: &'a Model<'_>,
-    i: u16,
-    m: Match,
-) -> (Object<'a>, View, [[[f32; 2]; 3]; 2]) {
-    let to = vertices(scene.points, &scene.keygraphs[usize::from(i)]).map(|(_, p)| p);
-    let (v, from) = model.keygraph(m.keygraph as usize);
-    let v = model.view(v);
-    (model.object(usize::from(v.object)), v, [from.map(Point::px), to])
-}
-
-/// Weight of the vote of a match, 1 to 16; `None` when the surroundings of its keygraphs are not alike enough.
-fn weight_of(
-    scene: &Scene<'_>,
-    model: &Model<'_>,
-    (object, view, [from, to]): &(Object<'_>, View, [[[f32; 2]; 3]; 2]),
-) -> Option<u8> {
-    let Some(least) = model.method().parameters().verify else { return Some(1) };
-    let to_template = object.template.from_picture(object.width as f32, object.height as f32).after(&view.to_picture);
-    let from = from.map(|p| to_template.apply_affine(p));
-    let l = likeness(&scene.pyramid, &object.template, &from, to, model.feature() == FeatureKind::Luma);
-    (l >= least).then(|| u8::try_from(math::round(1.0 + 15.0 * (l - least) / (2.0 - least))).unwrap_or(1))
 }
