@@ -227,6 +227,7 @@ pub fn is_convex(outline: &[[f32; 2]]) -> bool {
 }
 
 /// Returns whether a convex polygon with positive area contains `p`. Its edges belong to it.
+#[inline(never)]
 #[must_use]
 pub fn contains(outline: &[[f32; 2]], p: [f32; 2]) -> bool {
     let n = outline.len();

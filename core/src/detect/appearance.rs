@@ -237,13 +237,15 @@ impl Blocks {
 
     /// Computes [`Appearance::strong`]. `luma` is the template's level that the blocks belong to.
     fn strong(&self, luma: &Plane<'_, u8>, pace: &mut dyn Pace) -> f32 {
-        let blocks = self.values[..self.n].iter().zip(self.places);
-        let agreeing = blocks.map(|(&c, place)| (agreement(c), place)).filter(|&(a, _)| a > 0.0);
-        let weigh = |(a, place): (f32, u8)| {
-            pace.goes_on();
-            a * a * roundness(luma, &self.part, usize::from(place))
-        };
-        agreeing.map(weigh).sum()
+        let mut sum = -0.0;
+        for (&c, &place) in self.values[..self.n].iter().zip(&self.places) {
+            let a = agreement(c);
+            if a > 0.0 {
+                pace.goes_on();
+                sum += a * a * roundness(luma, &self.part, usize::from(place));
+            }
+        }
+        sum
     }
 
     fn median(&mut self) -> f32 {

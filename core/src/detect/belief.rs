@@ -103,6 +103,10 @@ const TREES: [Tree; 48] = [
 /// 41 and more in 409 of 411 frames. Below it the trees have seen next to nothing.
 const LEAST_AGREEMENT: u8 = 32;
 
+/// What a border where the object seems hidden takes from the log-odds, in steps: it is ninety times as frequent among packages
+/// that share a third of their area as among half-hidden objects (`docs/decisions/0027-borders.md`).
+const BORDERED: i32 = 144;
+
 /// Estimates the probability that a pose is right; 0 when hardly anything agrees.
 #[inline(never)]
 pub(crate) fn believe(s: &Scrutiny) -> f32 {
@@ -117,6 +121,7 @@ pub(crate) fn believe(s: &Scrutiny) -> f32 {
         }
         sum + i32::from(tree.leaf[node - 7])
     });
+    let sum = if s.1 { sum - BORDERED } else { sum };
     1.0 / (1.0 + math::exp(-(sum as f32) / STEPS))
 }
 
@@ -131,7 +136,7 @@ mod tests {
 
     #[test]
     fn what_is_seen_whole_is_believed_and_what_agrees_here_and_there_is_not() {
-        let (whole, scattered) = (believe(&Scrutiny(WHOLE)), believe(&Scrutiny(SCATTERED)));
+        let (whole, scattered) = (believe(&Scrutiny(WHOLE, false)), believe(&Scrutiny(SCATTERED, false)));
         assert!(whole > 0.95 && scattered < 0.8, "{whole} {scattered}");
     }
 
@@ -139,7 +144,7 @@ mod tests {
     fn scores(name: &str, start: [u8; PROPERTIES]) -> std::vec::Vec<f32> {
         let i = NAMES.iter().position(|&n| n == name).unwrap();
         let at = |v| core::array::from_fn(|k| if k == i { v } else { start[k] });
-        (0..=255).map(|v| believe(&Scrutiny(at(v)))).collect()
+        (0..=255).map(|v| believe(&Scrutiny(at(v), false))).collect()
     }
 
     #[test]

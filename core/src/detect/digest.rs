@@ -190,6 +190,7 @@ impl Digests {
             Output::Scrutinised(detection, seen) => {
                 d.detection(detection);
                 d.bytes(&seen.0);
+                d.bytes(if seen.1 { &[1] } else { &[] });
             }
             Output::Detections(detections) => {
                 d.count(detections.len());

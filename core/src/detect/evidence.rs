@@ -99,7 +99,7 @@ pub(crate) fn weigh(
     let mut inside = [0u32; MAX_CORNERS / 32];
     for level in 0..LEVELS {
         for i in span(scene.spans, level) {
-            let within = contains(&d.corners, to_level0(scene.points[i], level));
+            let within = is_inside(core::slice::from_ref(d), to_level0(scene.points[i], level));
             inside[i / 32] |= u32::from(within) << (i % 32);
         }
     }
@@ -254,10 +254,13 @@ mod tests {
     fn more_votes_than_enough_raise_no_score() {
         let mut seed = 1u32;
         for _ in 0..2000 {
-            let seen = Scrutiny(core::array::from_fn(|_| {
-                seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-                (seed >> 24) as u8
-            }));
+            let seen = Scrutiny(
+                core::array::from_fn(|_| {
+                    seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                    (seed >> 24) as u8
+                }),
+                false,
+            );
             let score = |votes| believe(&seen.with_votes(votes));
             assert_eq!(score(ENOUGH), score(u16::MAX), "{seen:?}");
             assert!(score(0) <= score(ENOUGH));

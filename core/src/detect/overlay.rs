@@ -136,8 +136,14 @@ pub(crate) fn every(luma: &Plane<'_, u8>) -> usize {
 /// in a column. Pixel `x` belongs to block `x * blocks / width`. A `margin` at both ends is left
 /// out.
 pub(crate) fn block_ranges(width: usize, blocks: usize, margin: usize) -> impl Iterator<Item = Range<usize>> {
-    let start = move |b: usize| (b * width).div_ceil(blocks).max(margin);
-    (0..blocks).map(move |b| start(b)..start(b + 1).min(width.saturating_sub(margin)))
+    (0..blocks).map(move |b| block_range([width, blocks, margin], b))
+}
+
+/// Block `b` of [`block_ranges`].
+#[inline(never)]
+fn block_range([width, blocks, margin]: [usize; 3], b: usize) -> Range<usize> {
+    let start = |b: usize| (b * width).div_ceil(blocks).max(margin);
+    start(b)..start(b + 1).min(width.saturating_sub(margin))
 }
 
 /// Collects the first `K` ranges; missing ranges are empty.

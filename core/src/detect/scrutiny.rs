@@ -14,7 +14,7 @@ use crate::detect::appearance::is_part;
 use crate::detect::detection::Detection;
 use crate::detect::light::BLOCKS;
 use crate::detect::mosaic::{ALL, Cell, Mosaic, SIDE, byte, lay};
-use crate::detect::outline::{Pieces, cell_at, trace};
+use crate::detect::outline::{Pieces, cell_at, is_bordered, trace};
 use crate::image::pixels::NO_CHROMA;
 use crate::image::pyramid::PyramidView;
 use crate::model::parse::Model;
@@ -22,10 +22,11 @@ use crate::model::parse::Model;
 /// Number of properties.
 pub const PROPERTIES: usize = 12;
 
-/// What is seen at a pose: properties, each 0 to 255.
+/// What is seen at a pose: properties, each 0 to 255, and whether the outline is a border where the object seems hidden:
+/// the border of a look-alike.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Scrutiny(pub [u8; PROPERTIES]);
+pub struct Scrutiny(pub [u8; PROPERTIES], pub bool);
 
 impl Scrutiny {
     /// The same with another number of votes that agree.
@@ -93,6 +94,10 @@ const CHROMA_NOISE: f32 = 6.0;
 /// the correlation of chroma from which on they are.
 const PLAIN: f32 = 0.99;
 const OWN_COLOURS: f32 = 0.75;
+
+/// Share of an object that must be seen for its outline not to be looked at as a border. Bent objects show one, too, but
+/// more of them agrees.
+const MOST_HIDDEN: f32 = 0.5;
 
 /// Minimum share that must agree of what lies in the frame, of an object that lies mostly outside. Right
 /// ones had 0.75 and more; wrong ones, which lie over smooth ground with a few strong lines, up to 0.62.
@@ -310,6 +315,16 @@ fn properties(mosaic: &Mosaic, pieces: &Pieces) -> [u8; OF_CELLS] {
     ]
 }
 
+/// Whether an object seems hidden beside a piece of its outline: the outer cell and the one behind it do not agree, and
+/// one of them has texture.
+fn seems_hidden(mosaic: &Mosaic, piece: usize) -> bool {
+    let [x, y] = cell_at(piece);
+    let [dx, dy] = [[0, 1], [-1, 0], [0, -1], [1, 0]][piece / SIDE];
+    let behind = [x.wrapping_add_signed(dx), y.wrapping_add_signed(dy)];
+    let [a, b] = [[x, y], behind].map(|[x, y]| mosaic[y * SIDE + x].value());
+    !(a >= OFF) && !(b >= OFF) && !(a.is_nan() && b.is_nan())
+}
+
 /// Scrutinises a detection. An object that is seen plainly, [`Appearance::visible`], and in its own colours is not
 /// looked at again. `None` for one that lies mostly outside the frame when too little agrees of what lies inside.
 ///
@@ -317,7 +332,7 @@ fn properties(mosaic: &Mosaic, pieces: &Pieces) -> [u8; OF_CELLS] {
 #[inline(never)]
 #[must_use]
 pub fn scrutinise(view: &PyramidView<'_>, model: &Model<'_>, d: &Detection, pace: &mut dyn Pace) -> Option<Scrutiny> {
-    let mut values = [0; PROPERTIES];
+    let (mut values, mut bordered) = ([0; PROPERTIES], false);
     let (cells, others) = values.split_at_mut(OF_CELLS);
     cells.copy_from_slice(&PLAIN_CELLS);
     let a = &d.appearance;
@@ -326,10 +341,14 @@ pub fn scrutinise(view: &PyramidView<'_>, model: &Model<'_>, d: &Detection, pace
         if a.visible < LEAST_OF_PART && is_part(view, &o, &d.homography) {
             return None;
         }
-        cells.copy_from_slice(&properties(&lay(view, &o, d, pace), &trace(view, &o, d, pace)));
+        let mosaic = lay(view, &o, d, pace);
+        cells.copy_from_slice(&properties(&mosaic, &trace(view, &o, d, pace)));
+        if a.visible < MOST_HIDDEN {
+            bordered = is_bordered(view, &o, d, &|piece| seems_hidden(&mosaic, piece), pace);
+        }
     }
     others[0] = share(f32::from(d.appearance.inside) / BLOCKS_OF_ALL);
-    Some(Scrutiny(values).with_votes(d.votes))
+    Some(Scrutiny(values, bordered).with_votes(d.votes))
 }
 
 #[cfg(test)]

@@ -42,6 +42,7 @@ impl Similarity {
     }
 
     /// Rotation of the pose as a homography, without its size and position.
+    #[inline(never)]
     #[must_use]
     pub fn turn(&self) -> Homography {
         let (sin, cos) = math::sin_cos(self.radians());
