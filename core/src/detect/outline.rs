@@ -126,6 +126,7 @@ type Steps = [i8; 2 * REACH + 1];
 /// steps near the outline, beside cells that `is_off` says show something else. A pose that was found by a part of the
 /// object is off by some pixels elsewhere, so that the line is looked for.
 #[inline(never)]
+#[allow(clippy::cast_possible_truncation, reason = "at most twelve")]
 pub(crate) fn is_bordered(
     view: &PyramidView<'_>,
     o: &Object<'_>,
@@ -178,6 +179,7 @@ fn stand_out(profile: &Profile, out: &mut Steps) {
 /// Sum of the steps along the line that crosses the greatest ones. `rows` has the steps across pieces of a side, and twice
 /// the place of each piece, in pieces.
 #[inline(never)]
+#[allow(clippy::cast_possible_truncation, reason = "small constants")]
 fn strongest_line(rows: &[(i32, Steps)], pace: &mut dyn Pace) -> i32 {
     const MOST: i32 = REACH as i32;
     let mut best = i32::MIN;
@@ -186,7 +188,7 @@ fn strongest_line(rows: &[(i32, Steps)], pace: &mut dyn Pace) -> i32 {
         for to in (from - MOST).max(-MOST)..=(from + MOST).min(MOST) {
             // Where the line crosses a piece, in 1/256 of a step.
             let slope = (to - from) * 256 / (2 * SIDE as i32);
-            let at = |at: i32| ((from + MOST) * 256 + 128 + slope * at >> 8).cast_unsigned() as usize;
+            let at = |k: i32| (((from + MOST) * 256 + 128 + slope * k) >> 8).cast_unsigned() as usize;
             let sum = rows.iter().map(|(k, steps)| i32::from(steps[at(*k).min(2 * REACH)])).sum();
             best = best.max(sum);
         }

@@ -322,7 +322,9 @@ fn seems_hidden(mosaic: &Mosaic, piece: usize) -> bool {
     let [dx, dy] = [[0, 1], [-1, 0], [0, -1], [1, 0]][piece / SIDE];
     let behind = [x.wrapping_add_signed(dx), y.wrapping_add_signed(dy)];
     let [a, b] = [[x, y], behind].map(|[x, y]| mosaic[y * SIDE + x].value());
-    !(a >= OFF) && !(b >= OFF) && !(a.is_nan() && b.is_nan())
+    // A flat cell has no value.
+    let all_flat = a.is_nan() && b.is_nan();
+    !(a >= OFF || b >= OFF || all_flat)
 }
 
 /// Scrutinises a detection. An object that is seen plainly, [`Appearance::visible`], and in its own colours is not
