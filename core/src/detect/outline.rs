@@ -4,7 +4,7 @@
 //! stands out; and whether the outline is a border where the object seems hidden ([`is_bordered`]). What covers a part of
 //! an object covers the outline there as well. A look-alike that differs in that part shows its outline.
 //!
-//! Memory: 700 bytes. Cost: 43 samples along each of 288 lines across the outline, for each of the two.
+//! Memory: 700 bytes. Cost: 19 samples along each of 288 lines across the outline, and up to 43 for the border.
 
 use crate::base::geometry::area;
 use crate::base::math;
@@ -45,14 +45,14 @@ pub(crate) fn trace(view: &PyramidView<'_>, o: &Object<'_>, d: &Detection, pace:
         if !pace.goes_on() {
             break;
         }
-        *piece = prominence(&across(view, o, d, i));
+        *piece = prominence(&across(view, o, d, i, BESIDE));
     }
     pieces
 }
 
-/// The brightness across a piece.
+/// The brightness across a piece, for `reach` steps on each side.
 #[inline(never)]
-fn across(view: &PyramidView<'_>, o: &Object<'_>, d: &Detection, i: usize) -> Profile {
+fn across(view: &PyramidView<'_>, o: &Object<'_>, d: &Detection, i: usize, reach: usize) -> Profile {
     let plane = view.luma(0);
     let scale = [o.width as f32, o.height as f32].map(|v| v / SIDE as f32);
     let unit = (math::coarse_sqrt(area(&d.corners).abs()) / 200.0).clamp(1.0, 3.0);
@@ -72,7 +72,7 @@ fn across(view: &PyramidView<'_>, o: &Object<'_>, d: &Detection, i: usize) -> Pr
     for line in 0..LINES {
         let t = (line as f32 + 0.5) / LINES as f32;
         let [x, y] = [from[0] + along[0] * t, from[1] + along[1] * t];
-        for (j, sum) in profile.iter_mut().enumerate() {
+        for (j, sum) in profile.iter_mut().enumerate().skip(REACH - reach).take(2 * reach + 3) {
             let far = j as f32 - (REACH + 1) as f32;
             *sum += sample(&plane, [x + far * across[0], y + far * across[1]]);
         }
@@ -141,7 +141,7 @@ pub(crate) fn is_bordered(
         for k in 0..SIDE {
             if is_off(side * SIDE + k) && pace.goes_on() {
                 rows[n].0 = 2 * k as i32 + 1;
-                stand_out(&across(view, o, d, side * SIDE + k), &mut rows[n].1);
+                stand_out(&across(view, o, d, side * SIDE + k, REACH), &mut rows[n].1);
                 n += 1;
             }
         }
