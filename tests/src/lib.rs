@@ -10,9 +10,27 @@ pub mod scene;
 use std::path::{Path, PathBuf};
 
 use keygraph_core::stages::model::crc32;
+use keygraph_core::stages::scrutiny::Scrutiny;
 use keygraph_core::{
-    FeatureKind, Frame, Method, PixelFormat, TrainParams, Trained, Trainer, ViewSpec, chroma_bytes, luma_bytes,
+    Detection, FeatureKind, Frame, Method, Observer, Output, PixelFormat, TrainParams, Trained, Trainer, ViewSpec,
+    chroma_bytes, luma_bytes,
 };
+
+/// Keeps the poses that a search looks at closely, in their order.
+#[derive(Debug, Default)]
+pub struct Poses(pub Vec<(Detection, Scrutiny)>);
+
+impl Observer for Poses {
+    fn now(&mut self) -> u64 {
+        0
+    }
+
+    fn saw(&mut self, output: Output<'_>) {
+        if let Output::Scrutinised(d, seen) = output {
+            self.0.push((*d, *seen));
+        }
+    }
+}
 
 /// Returns the path of a file of the repository.
 #[must_use]

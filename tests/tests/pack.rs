@@ -10,10 +10,10 @@ use keygraph::search::{Profile, search};
 use keygraph_core::stages::keygraph::CELLS;
 use keygraph_core::stages::model::Tier;
 use keygraph_core::{
-    Detection, FeatureKind, Frame, Method, Model, Observer, Output, PackError, Part, PixelFormat, TrainParams,
-    VgaDetector, VgaTrainer, ViewSpec, pack, pack_parts, packed_len, packed_parts_len,
+    FeatureKind, Frame, Method, Model, PackError, Part, PixelFormat, TrainParams, VgaDetector, VgaTrainer, ViewSpec,
+    pack, pack_parts, packed_len, packed_parts_len,
 };
-use keygraph_tests::{Sections, file, seal, small_model};
+use keygraph_tests::{Poses, Sections, file, seal, small_model};
 
 /// Small models of three pictures, each with some thousand keygraphs on five views.
 static MODELS: LazyLock<[Vec<u8>; 3]> = LazyLock::new(|| ["astronaut", "coffee", "rocket"].map(model_of));
@@ -471,22 +471,6 @@ fn records_that_do_not_lie_together_are_no_part() {
     }
 }
 
-/// Keeps the poses that are looked at closely.
-#[derive(Default)]
-struct Poses(Vec<Detection>);
-
-impl Observer for Poses {
-    fn now(&mut self) -> u64 {
-        0
-    }
-
-    fn saw(&mut self, output: Output<'_>) {
-        if let Output::Scrutinised(d, _) = output {
-            self.0.push(*d);
-        }
-    }
-}
-
 /// A frame of the sequence, of which spots of `side` px hide a quarter here and there.
 fn spotted(name: &str, side: u32) -> Picture {
     let mut picture = picture(&format!("sequence/{name}"));
@@ -511,8 +495,7 @@ fn among_many_a_pose_in_doubt_has_the_votes_that_it_has_alone() {
         let Pixels::Rgb8(rgb) = &frame.pixels else { panic!("the frame has no colour") };
         let frame = Frame::new(PixelFormat::Rgb8, frame.width as usize, frame.height as usize, rgb).unwrap();
         detector.detect(&frame, &model, threshold, &mut poses).unwrap();
-        poses.0.retain(|d| d.object == 0);
-        poses.0
+        poses.0.into_iter().map(|(d, _)| d).filter(|d| d.object == 0).collect::<Vec<_>>()
     };
     for name in ["0001", "0002"] {
         let frame = spotted(name, 4);

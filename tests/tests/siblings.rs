@@ -5,10 +5,9 @@ use std::sync::{LazyLock, Mutex};
 
 use keygraph::input::{Picture, Pixels, read_picture};
 use keygraph::learn::{Preset, train};
-use keygraph_core::stages::scrutiny::Scrutiny;
-use keygraph_core::{Detection, Frame, Model, Observer, Output, PixelFormat, VgaDetector};
-use keygraph_tests::file;
+use keygraph_core::{Frame, Model, PixelFormat, VgaDetector};
 use keygraph_tests::scene::frame_of;
+use keygraph_tests::{Poses, file};
 
 fn asset(name: &str) -> Picture {
     read_picture(&file("assets/pictures").join(name)).unwrap()
@@ -28,22 +27,6 @@ fn cover(picture: &mut Picture, over: &Picture, covers: impl Fn(u32, u32) -> boo
         if covers(x, y) {
             let at = (y * over.height / h * over.width + x * over.width / w) as usize;
             pixel.copy_from_slice(&source[3 * at..][..3]);
-        }
-    }
-}
-
-/// Keeps the poses that are looked at closely.
-#[derive(Default)]
-struct Poses(Vec<(Detection, Scrutiny)>);
-
-impl Observer for Poses {
-    fn now(&mut self) -> u64 {
-        0
-    }
-
-    fn saw(&mut self, output: Output<'_>) {
-        if let Output::Scrutinised(d, seen) = output {
-            self.0.push((*d, *seen));
         }
     }
 }

@@ -29,7 +29,7 @@ pub const PROPERTIES: usize = 12;
 pub struct Scrutiny(pub [u8; PROPERTIES], pub bool);
 
 impl Scrutiny {
-    /// The same with another number of votes that agree.
+    /// Returns what is seen at the pose, with another number of votes that agree.
     #[inline(never)]
     pub(crate) fn with_votes(mut self, votes: u16) -> Self {
         self.0[PROPERTIES - 1] = share(math::ln(1.0 + f32::from(votes)) * 40.0 / 255.0);
