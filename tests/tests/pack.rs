@@ -16,9 +16,10 @@ use keygraph_core::{
 use keygraph_tests::{Poses, Sections, file, seal, small_model};
 
 /// Small models of three pictures, each with some thousand keygraphs on five views.
-static MODELS: LazyLock<[Vec<u8>; 3]> = LazyLock::new(|| ["astronaut", "coffee", "rocket"].map(model_of));
+static MODELS: LazyLock<[Vec<u8>; 3]> = LazyLock::new(|| ["astronaut", "coffee", "rocket"].map(|name| model_of(name, 6000)));
 
-fn model_of(name: &str) -> Vec<u8> {
+/// A model of at most so many keygraphs. With 6000 it has a second tier, with 2000 it has none.
+fn model_of(name: &str, keygraphs: usize) -> Vec<u8> {
     static TRAINER: Mutex<VgaTrainer> = Mutex::new(VgaTrainer::new());
     let picture = picture(&format!("pictures/{name}"));
     let Pixels::Rgb8(rgb) = &picture.pixels else { panic!("{name} has no colour") };
@@ -30,7 +31,7 @@ fn model_of(name: &str) -> Vec<u8> {
         direction_deg: 0.0,
         keypoints: 60,
     });
-    let params = TrainParams::new(name, Method::Keygraph, FeatureKind::Both, &views).capped(6000, 4000);
+    let params = TrainParams::new(name, Method::Keygraph, FeatureKind::Both, &views).capped(keygraphs, 4000);
     let mut model = vec![0; 1 << 20];
     let mut trainer = TRAINER.lock().unwrap_or_else(PoisonError::into_inner);
     let trained = trainer.train(&frame, (picture.width, picture.height), &params, &mut model).unwrap();
@@ -487,22 +488,28 @@ fn spotted(name: &str, side: u32) -> Picture {
 #[test]
 fn among_many_a_pose_in_doubt_has_the_votes_that_it_has_alone() {
     static DETECTOR: Mutex<VgaDetector> = Mutex::new(VgaDetector::new());
-    let [alone, .., other] = &*MODELS;
-    let many = packed(&[vec![alone.clone()], vec![other.clone(); 19]].concat());
+    let small = ["astronaut", "rocket"].map(|name| model_of(name, 2000));
+    let [large, .., other] = &*MODELS;
     let mut detector = DETECTOR.lock().unwrap();
     let mut poses = |model: &[u8], frame: &Picture, threshold: f32| {
         let (model, mut poses) = (Model::parse(model).unwrap(), Poses::default());
         let Pixels::Rgb8(rgb) = &frame.pixels else { panic!("the frame has no colour") };
         let frame = Frame::new(PixelFormat::Rgb8, frame.width as usize, frame.height as usize, rgb).unwrap();
         detector.detect(&frame, &model, threshold, &mut poses).unwrap();
-        poses.0.into_iter().map(|(d, _)| d).filter(|d| d.object == 0).collect::<Vec<_>>()
+        let last = model.objects() - 1;
+        poses.0.into_iter().map(|(d, _)| d).filter(|d| usize::from(d.object) == last).collect::<Vec<_>>()
     };
-    for name in ["0001", "0002"] {
-        let frame = spotted(name, 4);
-        // With this threshold a search goes on to its last step.
-        let [alone, among] = [poses(alone, &frame, 0.94), poses(&many, &frame, 0.94)];
-        let [alone, early, among] = [alone.last(), among.first(), among.last()].map(Option::unwrap);
-        assert!(alone.score < 0.94 && early.votes < alone.votes, "{name}: in doubt, and the lists hold a part");
-        assert_eq!((among.votes, among.score), (alone.votes, alone.score), "{name}");
+    for (second_tier, alone, other) in [(true, large, other), (false, &small[0], &small[1])] {
+        assert_eq!(Model::parse(alone).unwrap().has_second_tiers(), second_tier);
+        // The tiers of the last object end the index.
+        let many = packed(&[vec![other.clone(); 19], vec![alone.clone()]].concat());
+        for name in ["0001", "0002"] {
+            let frame = spotted(name, 4);
+            // With this threshold a search goes on to its last step.
+            let [alone, among] = [poses(alone, &frame, 0.94), poses(&many, &frame, 0.94)];
+            let [alone, early, among] = [alone.last(), among.first(), among.last()].map(Option::unwrap);
+            assert!(alone.score < 0.94 && early.votes < alone.votes, "{name}: in doubt, and the lists hold a part");
+            assert_eq!((among.votes, among.score), (alone.votes, alone.score), "{name}");
+        }
     }
 }

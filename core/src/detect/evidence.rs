@@ -22,7 +22,6 @@ use crate::detect::scene::{Scene, span, vertices};
 use crate::detect::vote::{Vote, Votes};
 use crate::extract::keygraph::Keygraph;
 use crate::image::pyramid::to_level0;
-use crate::model::format::Tier;
 use crate::model::parse::Model;
 
 /// Number of votes above which more of them do not raise a score.
@@ -133,7 +132,7 @@ pub(crate) fn count_votes(scene: &Scene<'_>, model: &Model<'_>, d: &Detection, p
         if !is_inside(core::slice::from_ref(d), vertices(scene.points, k)[0].1) {
             continue;
         }
-        for tier in [Tier::First(d.object), Tier::Second(d.object)] {
+        for tier in model.tiers_of(d.object) {
             let near = classify(model, tier, k, &scene.features[i], matching);
             for m in near.into_iter().flatten() {
                 let pairing = Pairing::new(scene, model, id(i), m);

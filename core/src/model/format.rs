@@ -269,6 +269,11 @@ impl Tiers {
         }
     }
 
+    /// The tiers of one object.
+    pub fn of(self, object: u16) -> impl Iterator<Item = Tier> {
+        [Tier::First(object), Tier::Second(object)].into_iter().take(1 + usize::from(self.second))
+    }
+
     /// Bits of the header that say which kinds of tiers the model has.
     pub const fn bits(self) -> u16 {
         (self.second as u16) << 1 | (self.lists as u16) << 2

@@ -371,8 +371,7 @@ fn pack_all<'a>(parts: impl Parts<'a>, out: &mut [u8]) -> Result<usize, PackErro
         write_lists(parts.clone(), &plan, out, &mut copied);
     }
     for o in each_object(parts) {
-        let tiers = [Tier::First(o.object), Tier::Second(o.object)].into_iter().take(1 + usize::from(tiers.second));
-        for tier in tiers {
+        for tier in tiers.of(o.object) {
             for cell in 0..CELLS {
                 let start = copied.keygraphs;
                 let has = o.model.has_second_tiers() || tier == Tier::First(o.object);

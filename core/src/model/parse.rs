@@ -524,6 +524,11 @@ impl<'a> Model<'a> {
         self.index_entry(i)..self.index_entry(i + CELLS)
     }
 
+    /// The tiers of one object: the first, and the second when the model has second tiers.
+    pub(crate) fn tiers_of(&self, object: u16) -> impl Iterator<Item = Tier> {
+        self.tiers.of(object)
+    }
+
     /// Whether the model has [`Tier::Shortlist`] and [`Tier::Longlist`].
     #[must_use]
     pub const fn has_lists(&self) -> bool {

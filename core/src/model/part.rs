@@ -117,6 +117,5 @@ fn view_of(model: &Model<'_>, keygraph: usize) -> usize {
 /// Iterates over the keygraphs of an object, without the lists. An item is a subset and the index
 /// of a keygraph in it.
 pub(crate) fn own_keygraphs<'a>(m: &'a Model<'_>, object: u16) -> impl Iterator<Item = (usize, usize)> + 'a {
-    let tiers = [Tier::First(object), Tier::Second(object)].into_iter().take(1 + usize::from(m.has_second_tiers()));
-    tiers.flat_map(move |tier| (0..CELLS).flat_map(move |cell| m.cell(tier, cell).map(move |i| (cell, i))))
+    m.tiers_of(object).flat_map(move |tier| (0..CELLS).flat_map(move |cell| m.cell(tier, cell).map(move |i| (cell, i))))
 }
