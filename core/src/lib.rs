@@ -140,6 +140,7 @@ pub use model::pack::{PackError, pack, pack_parts, packed_len, packed_parts_len}
 pub use model::parse::{Model, ModelError, Object, Template, View};
 pub use model::part::Part;
 pub use model::preset::Preset;
+pub use model::slim::{slim, slim_len};
 pub use model::train::{QqvgaTrainer, TrainError, TrainParams, Trained, Trainer, VgaTrainer};
 pub use model::views::{MAX_VIEWS, ViewSpec};
 

@@ -6,7 +6,7 @@
 use std::sync::Mutex;
 
 use anyhow::{Context, Result, ensure};
-use keygraph_core::{Frame, Model, PackError, Trained, VgaTrainer, pack, packed_len};
+use keygraph_core::{Frame, Model, PackError, Trained, VgaTrainer, pack, packed_len, slim, slim_len};
 
 use crate::input::{Picture, Pixels};
 use crate::search::fit;
@@ -147,5 +147,15 @@ pub fn merge(models: &[impl AsRef<[u8]>]) -> Result<Vec<u8>> {
 pub fn joined(models: &[Model<'_>]) -> Result<Vec<u8>, PackError> {
     let mut out = vec![0; packed_len(models)?];
     pack(models, &mut out)?;
+    Ok(out)
+}
+
+/// Leaves out of a packed model what a search for all its objects at once does not read.
+///
+/// # Errors
+/// When the model has no lists: it has one object, or is of the paper's method.
+pub fn slimmed(model: &Model<'_>) -> Result<Vec<u8>, PackError> {
+    let mut out = vec![0; slim_len(model)?];
+    slim(model, &mut out)?;
     Ok(out)
 }

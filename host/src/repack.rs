@@ -24,6 +24,8 @@ pub struct Changes<'a> {
     pub replace: &'a [Model<'a>],
     /// Names of the objects to remove. All objects of a name are removed.
     pub remove: &'a [String],
+    /// Maximum number of keygraphs of each object in the lists of the new model; `None` for as many as packing takes.
+    pub listed: Option<usize>,
 }
 
 /// A model with changed objects.
@@ -100,7 +102,7 @@ pub fn repack(model: &Model<'_>, changes: &Changes<'_>) -> Result<Repacked> {
             .with_context(|| format!("the records of {} do not lie together: train and pack again", shown(&run[0])))
     };
     let parts = runs.map(part).collect::<Result<Vec<_>>>()?;
-    Ok(Repacked { model: packed(&parts)?, kept })
+    Ok(Repacked { model: packed(&parts, changes.listed)?, kept })
 }
 
 fn unknown(name: &str, model: &Model<'_>) -> Error {
@@ -112,8 +114,13 @@ fn unknown(name: &str, model: &Model<'_>) -> Error {
     anyhow!("there is no object {}: there are {names}", plain(name))
 }
 
-fn packed(parts: &[Part<'_>]) -> Result<Vec<u8>, PackError> {
-    let mut out = vec![0; packed_parts_len(parts)?];
-    pack_parts(parts, &mut out)?;
+/// Packs parts of models. The lists get at most `listed` keygraphs of each object, or as many as packing takes.
+///
+/// # Errors
+/// When the models do not go together.
+pub fn packed(parts: &[Part<'_>], listed: Option<usize>) -> Result<Vec<u8>, PackError> {
+    let most = listed.unwrap_or(usize::MAX);
+    let mut out = vec![0; packed_parts_len(parts, most)?];
+    pack_parts(parts, most, &mut out)?;
     Ok(out)
 }

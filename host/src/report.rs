@@ -256,6 +256,7 @@ pub fn model_object(model: &Model<'_>) -> Value {
         "feature": model.feature().name(),
         "views": model.views(),
         "method": model.method().name(),
+        "slim": model.is_slim(),
     })
 }
 

@@ -110,8 +110,9 @@ fn shell_word(text: &str) -> Cow<'_, str> {
 pub fn model(model: &Model<'_>, path: &Path) -> String {
     let (used, largest) = model.occupancy();
     let triples: u64 = (0..model.objects()).map(|i| u64::from(model.object(i).triples)).sum();
+    let slim = if model.is_slim() { ", slim: those of the lists alone" } else { "" };
     format!(
-        "method     {}\ntriples    {triples} possible\nkeygraphs  {}\nsubsets    {used} used, the largest has {largest}\n\
+        "method     {}\ntriples    {triples} possible\nkeygraphs  {}{slim}\nsubsets    {used} used, the largest has {largest}\n\
          model      {}, {} bytes, feature {}",
         model.method().name(),
         model.keygraphs(),

@@ -259,8 +259,11 @@ def draw_growth(numbers):
     """Four panels: time against objects, keygraphs, corners and pixels."""
     figure, axes = plt.subplots(1, 4, figsize=(14, 3.8), layout="constrained")
     by_objects, by_keygraphs, by_corners, by_pixels = axes
-    rows = numbers["objects"]
-    labelled(by_objects, [(r["objects"], r["ms"], f"{100 * r['found']:.0f} %") for r in rows])
+    rows = [r for r in numbers["objects"] if r["listed"] is None]
+    for key, colour, what in (("ms", BLUE, "shown"), ("absent_ms", ORANGE, "absent")):
+        by_objects.plot([r["objects"] for r in rows], [r[key] for r in rows], "o-", color=colour, label=what)
+    name_points(by_objects, [(r["objects"], max(r["ms"], r["absent_ms"]), f"{100 * r['found']:.0f} %") for r in rows])
+    by_objects.legend(frameon=False, loc="upper left")
     by_objects.set_title("Objects at once (and found)")
     points = numbers["keygraphs"]
     for key, colour in (("shown", BLUE), ("absent", ORANGE)):
@@ -284,5 +287,10 @@ def draw_growth(numbers):
 def labelled(axis, points):
     """A line through (x, y, label) points, each with its label above."""
     axis.plot([x for x, _, _ in points], [y for _, y, _ in points], "o-", color=BLUE)
-    for x, y, label in points:
-        axis.annotate(label, (x, y), xytext=(0, 8), textcoords="offset points", ha="center")
+    name_points(axis, points)
+
+
+def name_points(axis, points):
+    """The label of each (x, y, label) above its point."""
+    for x, y, text in points:
+        axis.annotate(text, (x, y), xytext=(0, 8), textcoords="offset points", ha="center")

@@ -25,12 +25,14 @@ from scoring import Detection, is_found, relative_error
 
 # Bytes that models are capped at.
 BYTES = [64 << 10, 128 << 10, 256 << 10, 512 << 10, 1 << 20, 2_000_000]
+# Keygraphs of each object on the lists, where they are fewer than packing takes.
+LISTED = [3000, 1500]
 # Profile, and the width that frames are scaled to.
 PROFILES = [("qqvga", 160), ("qvga", 320), ("vga", 640), ("hd", 960)]
 
 
 def growth(args, folder):
-    """Draws docs/growth.png anew, and prints a table."""
+    """Draws docs/growth.png anew."""
     check_figure(args.out)
     pictures = read_pictures(args.objects, 1, "objects")
     work = args.work or folder
@@ -49,13 +51,6 @@ def growth(args, folder):
     numbers["sizes"], numbers["corners"] = by_frame(args, shots, own, folder)
     numbers["objects"] = by_objects(args, shots, own, work)
     save(draw_growth(numbers), numbers, args.out, args.keygraph)
-    print("| objects | found | wrong | ms a frame | pack, MB | first frame after, s |")
-    print("| --- | --- | --- | --- | --- | --- |")
-    for r in numbers["objects"]:
-        print(
-            f"| {r['objects']:,} | {100 * r['found']:.0f} % | {r['wrong']} | {r['ms']:.1f} | "
-            f"{r['bytes'] / 1e6:.1f} | {r['start_s']:.2f} |"
-        )
     return numbers
 
 
@@ -81,39 +76,70 @@ def median_ms(lines):
 
 
 def by_objects(args, shots, own, work):
-    """Rows of the table: one for each number of objects."""
-    others = poster_models(args.keygraph, work, max(args.counts) - 1)
+    """Rows of the table: one for each number of objects, and for the largest one with fewer keygraphs on the lists."""
+    most = max(args.counts)
+    others = poster_models(args.keygraph, work, most - 1)
+    cases = [(n, None) for n in args.counts] + [(most, n) for n in LISTED if most > 1]
     rows = []
-    for n in args.counts:
-        lines, right, wrong, loads, sizes = [], 0, 0, [], []
-        for picture, frames in shots:
-            model = own[picture.digest]
-            if n > 1:
-                model = os.path.join(work, "pack.kgm")
-                run = [args.keygraph, "pack", own[picture.digest], *others[: n - 1], "-o", model]
-                subprocess.run(run, check=True, stdout=subprocess.DEVNULL)
+    for n, listed in cases:
+        tally = Tally()
+        for i, (picture, frames) in enumerate(shots):
+            models = [own[picture.digest], *others[: n - 1]]
+            model, sizes = pack(args.keygraph, models, listed, work)
             told = detect(args.keygraph, model, [f.path for f in frames])[0]
             for line, frame in zip(told, frames, strict=True):
-                hit, false = count_found(line, picture.name, frame.quads[picture.digest])
-                right, wrong = right + hit, wrong + false
-            lines += told
+                tally.add(line, count_found(line, picture.name, frame.quads[picture.digest]))
+            # Frames of another object that show this one nowhere.
+            away = [f for f in shots[i - 1][1] if picture.digest not in f.may_show][:: args.frames]
+            tally.absent += detect(args.keygraph, model, [f.path for f in away])[0]
             # The time of one frame more or less is nothing beside that of loading 1,000 objects.
-            loads.append(detect(args.keygraph, model, [frames[0].path])[1])
-            sizes.append(os.path.getsize(model))
-        shown = sum(len(frames) for _, frames in shots)
-        rows.append(
-            {
-                "objects": n,
-                "frames": shown,
-                "found": right / shown,
-                "wrong": wrong,
-                "ms": round(median_ms(lines), 2),
-                "start_s": round(statistics.median(loads), 3),
-                "bytes": statistics.median(sizes),
-            }
-        )
+            tally.loads.append(detect(args.keygraph, model, [frames[0].path])[1])
+            tally.sizes.append(sizes)
+        rows.append({"objects": n, "listed": listed, **tally.row()})
         print(rows[-1], file=sys.stderr)
     return rows
+
+
+class Tally:
+    """What the searches of a row have given."""
+
+    def __init__(self):
+        self.shown, self.absent, self.loads, self.sizes = [], [], [], []
+        self.found = self.wrong = 0
+
+    def add(self, line, verdict):
+        """Adds a frame that shows the object."""
+        found, wrong = verdict
+        self.shown.append(line)
+        self.found, self.wrong = self.found + found, self.wrong + wrong
+
+    def row(self):
+        """Shares, medians and sums."""
+        whole, slim = (statistics.median(sizes) for sizes in zip(*self.sizes, strict=True))
+        return {
+            "frames": len(self.shown),
+            "found": self.found / len(self.shown),
+            "wrong": self.wrong,
+            "ms": round(median_ms(self.shown), 2),
+            "absent_frames": len(self.absent),
+            "absent_found": sum(len(line["detections"]) for line in self.absent),
+            "absent_ms": round(median_ms(self.absent), 2),
+            "start_s": round(statistics.median(self.loads), 3),
+            "bytes": whole,
+            "slim_bytes": slim,
+        }
+
+
+def pack(command, models, listed, work):
+    """The file to search, and the bytes of the whole and of the slim file. With `listed` the slim one is searched."""
+    if len(models) == 1:
+        return models[0], [os.path.getsize(models[0])] * 2
+    whole, slim = (os.path.join(work, name) for name in ("whole.kgm", "slim.kgm"))
+    run = [command, "pack", "-q"]
+    fewer = [] if listed is None else ["--listed", str(listed)]
+    subprocess.run([*run, *models, *fewer, "-o", whole], check=True)
+    subprocess.run([*run, "-m", whole, "--slim", "-o", slim], check=True)
+    return whole if listed is None else slim, [os.path.getsize(path) for path in (whole, slim)]
 
 
 def by_keygraphs(args, shots, work):

@@ -21,7 +21,7 @@ PAGES = (
     *WHOLE,
     os.path.join(ROOT, "README.md"),
     os.path.join(ROOT, "bindings", "web", "README.md"),
-    *(os.path.join(DOCS, f"{page}.md") for page in ("at-scale", "camera", "space")),
+    *(os.path.join(DOCS, f"{page}.md") for page in ("at-scale", "camera", "space", "tutorials/gallery")),
 )
 WORDS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
 TABLE = re.compile(r"<!-- table: ([\w-]+) -->\n(.*?)<!-- end -->", re.S)

@@ -150,19 +150,40 @@ def stages(told=None):
 
 def growth():
     """Time against objects."""
+    return growth_rows("objects", "{objects:,}", lambda r: r["listed"] is None)
+
+
+def listed():
+    """The largest number of objects, with fewer keygraphs of each."""
+    rows = read_record("growth")["objects"]
+    most = max(r["objects"] for r in rows)
+    return growth_rows("`--listed`", "{listed:,}", lambda r: r["objects"] == most)
+
+
+def growth_rows(title, first, wanted):
+    """A table of the rows of `growth` that are wanted; `first` formats their first cell."""
     lines = [
         row(
             [
-                f"{r['objects']:,}",
+                first.format(**r) if r["listed"] or "listed" not in first else "—",
                 f"{100 * r['found']:.0f} %",
                 f"{r['ms']:.3g}",
-                f"{r['bytes'] / 1e6:,.3g}" if r["bytes"] < 1e9 else f"{r['bytes'] / 1e6:,.0f}",
+                f"{r['absent_ms']:.3g}",
+                megabytes(r["bytes"]),
+                megabytes(r["slim_bytes"]) if r["objects"] > 1 else "—",
                 f"{r['start_s']:.2g}",
             ]
         )
         for r in read_record("growth")["objects"]
+        if wanted(r)
     ]
-    return head(["objects", "found", "ms a frame", "pack, MB", "first frame after, s"]) + lines
+    titles = [title, "found", "ms a frame", "ms, absent", "pack, MB", "slim, MB", "first frame after, s"]
+    return head(titles) + lines
+
+
+def megabytes(n):
+    """Bytes as MB, with the digits that mean something."""
+    return f"{n / 1e6:,.3g}" if n < 1e9 else f"{n / 1e6:,.0f}"
 
 
 MOTIONS = {
@@ -270,6 +291,7 @@ TABLES = {
     "tilt": tilt,
     "stages": stages,
     "growth": growth,
+    "listed": listed,
     "sequences": sequences,
     "memory": memory,
     "lenses": lenses,

@@ -5,18 +5,19 @@
 use std::sync::{LazyLock, Mutex, PoisonError};
 
 use keygraph::input::{Picture, Pixels, read_picture};
-use keygraph::learn::{Preset, merge, train};
+use keygraph::learn::{Preset, merge, slimmed, train};
 use keygraph::search::{Profile, search};
 use keygraph_core::stages::keygraph::CELLS;
 use keygraph_core::stages::model::Tier;
 use keygraph_core::{
     FeatureKind, Frame, Method, Model, PackError, Part, PixelFormat, TrainParams, VgaDetector, VgaTrainer, ViewSpec,
-    pack, pack_parts, packed_len, packed_parts_len,
+    pack, pack_parts, packed_len, packed_parts_len, slim,
 };
 use keygraph_tests::{Poses, Sections, file, seal, small_model};
 
 /// Small models of three pictures, each with some thousand keygraphs on five views.
-static MODELS: LazyLock<[Vec<u8>; 3]> = LazyLock::new(|| ["astronaut", "coffee", "rocket"].map(|name| model_of(name, 6000)));
+static MODELS: LazyLock<[Vec<u8>; 3]> =
+    LazyLock::new(|| ["astronaut", "coffee", "rocket"].map(|name| model_of(name, 6000)));
 
 /// A model of at most so many keygraphs. With 6000 it has a second tier, with 2000 it has none.
 fn model_of(name: &str, keygraphs: usize) -> Vec<u8> {
@@ -62,8 +63,8 @@ fn part_of(model: &[u8], chosen: &[usize]) -> Vec<u8> {
 }
 
 fn packed_parts(parts: &[Part<'_>]) -> Vec<u8> {
-    let mut out = vec![0x5a; packed_parts_len(parts).unwrap()];
-    assert_eq!(pack_parts(parts, &mut out).unwrap(), out.len(), "packing says how long the model is");
+    let mut out = vec![0x5a; packed_parts_len(parts, usize::MAX).unwrap()];
+    assert_eq!(pack_parts(parts, usize::MAX, &mut out).unwrap(), out.len(), "packing says how long the model is");
     out
 }
 
@@ -297,11 +298,81 @@ fn the_merged_model_finds_what_the_models_find() {
         alone.sort_by(|a, b| a.0.cmp(&b.0));
         let names: Vec<_> = alone.iter().map(|d| d.0.clone()).collect();
         assert_eq!(names, objects, "{frame} {profile:?}: found by the models alone");
-        for (model, what) in [(&merged, "the merged model"), (&many, "a model of many")] {
+        let slim = [&merged, &many].map(|model| slimmed(&Model::parse(model).unwrap()).unwrap());
+        for (model, what) in [
+            (&merged, "the merged model"),
+            (&many, "a model of many"),
+            (&slim[0], "the slim form of the merged model"),
+            (&slim[1], "the slim form of many"),
+        ] {
             let together = found(model, frame, profile, 0);
             assert!(alike(&together, &alone), "{frame} {profile:?}: {what} finds {together:?}, not {alone:?}");
         }
     }
+}
+
+#[test]
+fn a_slim_model_holds_what_a_search_by_lists_reads() {
+    let merged = packed(&MODELS[..]);
+    let whole = Model::parse(&merged).unwrap();
+    let bytes = slimmed(&whole).unwrap();
+    let model = Model::parse(&bytes).unwrap();
+    assert!(model.is_slim() && !whole.is_slim() && model.has_lists() && !model.has_second_tiers());
+    assert_eq!((model.method(), model.feature(), model.views()), (whole.method(), whole.feature(), whole.views()));
+    let objects = |m: &Model<'_>| (0..m.objects()).map(|i| format!("{:?}", m.object(i))).collect::<Vec<_>>();
+    assert_eq!(objects(&model), objects(&whole));
+    let content = |m: &Model<'_>, list, c| m.cell(list, c).map(|i| (key(m, i), m.keygraph(i))).collect::<Vec<_>>();
+    for (list, c) in lists(&whole).flat_map(|list| (0..CELLS).map(move |c| (list, c))) {
+        assert_eq!(content(&model, list, c), content(&whole, list, c), "subset {c} of {list:?}");
+    }
+    let n = whole.tier(Tier::Longlist).end;
+    assert_eq!((model.keygraphs(), model.sketches()), (n, whole.sketches()));
+    assert!(model.features() == &whole.features()[..n * whole.feature_bytes()]);
+    assert!((0..model.objects() as u16).all(|i| model.tier(Tier::First(i)).is_empty()));
+    assert_eq!(Sections::of(&bytes).end, bytes.len(), "the counts of the header");
+    assert!(slimmed(&model).unwrap() == bytes, "once slim, slim");
+    assert!(model.occupancy().0 > 100 && model.occupancy().1 > 10, "{:?}", model.occupancy());
+
+    // A thorough search goes by the lists to their end.
+    let found = search(&picture("sequence/0001"), &model, Profile::Vga, 0.5, true, 0).unwrap();
+    assert_eq!(found.detections.iter().map(|d| d.object).collect::<Vec<_>>(), [0]);
+}
+
+#[test]
+fn lists_hold_as_many_keygraphs_of_an_object_as_asked_for() {
+    let models = parse(&MODELS[..]);
+    let parts: Vec<_> = models.iter().copied().map(Part::from).collect();
+    let own: Vec<_> = models.iter().map(Model::keygraphs).collect();
+    for most in [1, 500, 1000, usize::MAX] {
+        let mut bytes = vec![0; packed_parts_len(&parts, most).unwrap()];
+        pack_parts(&parts, most, &mut bytes).unwrap();
+        let model = Model::parse(&bytes).unwrap();
+        let mut counts = vec![0; 3];
+        for i in lists(&model).flat_map(|list| model.tier(list)) {
+            counts[usize::from(model.view(model.keygraph(i).0).object)] += 1;
+        }
+        let expected: Vec<_> = own.iter().map(|&n| n.min(most)).collect();
+        assert_eq!(counts, expected);
+        let first = model.tier(Tier::Shortlist).len();
+        assert_eq!(first, own.iter().map(|&n| n.min(most).min(704)).sum::<usize>());
+    }
+}
+
+#[test]
+fn what_cannot_be_slim_or_packed_again_is_told() {
+    let paper = small_model(Method::Paper, FeatureKind::Both, 10);
+    for model in [&MODELS[0], &packed(&[paper.clone(), paper])] {
+        assert_eq!(slimmed(&Model::parse(model).unwrap()).unwrap_err(), PackError::NoLists);
+    }
+    let merged = packed(&MODELS[..]);
+    let bytes = slimmed(&Model::parse(&merged).unwrap()).unwrap();
+    let (model, single) = (Model::parse(&bytes).unwrap(), Model::parse(&MODELS[0]).unwrap());
+    let mut short = vec![0; bytes.len() - 1];
+    let no_room = PackError::NoRoom { needed: bytes.len(), given: bytes.len() - 1 };
+    assert_eq!(slim(&Model::parse(&merged).unwrap(), &mut short), Err(no_room));
+    assert_eq!(packed_len(&[single, model]), Err(PackError::Slim { index: 1 }));
+    assert_eq!(packed_len(&[model]), Err(PackError::Slim { index: 0 }));
+    assert_eq!(PackError::Slim { index: 1 }.to_string(), "model 2 is slim: pack the models that it was made of");
 }
 
 #[test]

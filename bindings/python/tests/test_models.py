@@ -78,6 +78,17 @@ def test_packs(model: keygraph.Model, coffee: keygraph.Model, tmp_path: Path) ->
         both.without("astronaut", "coffee")
 
 
+def test_slim(model: keygraph.Model, coffee: keygraph.Model) -> None:
+    both = keygraph.pack([model, coffee])
+    slim = both.slim()
+    assert slim.names == both.names and slim.nbytes < 0.5 * both.nbytes
+    assert slim.slim() == slim
+    with pytest.raises(ValueError, match="at least two objects"):
+        model.slim()
+    with pytest.raises(ValueError, match="pack the models that it was made of"):
+        keygraph.pack([slim, model])
+
+
 def test_what_makes_a_model_worse_is_told() -> None:
     noise = np.random.default_rng(7).integers(0, 255, (60, 60), np.uint8)
     with pytest.warns(keygraph.TrainingWarning) as told:

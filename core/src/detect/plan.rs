@@ -6,7 +6,8 @@
 //! does not depend on the frame: it is a pure function, computed step by step.
 //!
 //! A model with lists is searched in one round, for all objects at once. Any other model is
-//! searched in one round for each object, and so is every model in a thorough search.
+//! searched in one round for each object, and so is every model in a thorough search, but one that is slim: it has
+//! its lists alone.
 //!
 //! Memory: [`Plan`], 40 bytes, and one [`Step`] at a time. Cost: a few operations for each step.
 
@@ -25,11 +26,18 @@ pub struct Scope {
     pub lists: bool,
     /// Whether the objects of the model have second tiers.
     pub second_tiers: bool,
+    /// Whether the model holds lists alone.
+    pub slim: bool,
 }
 
 impl From<&Model<'_>> for Scope {
     fn from(model: &Model<'_>) -> Self {
-        Self { objects: model.objects(), lists: model.has_lists(), second_tiers: model.has_second_tiers() }
+        Self {
+            objects: model.objects(),
+            lists: model.has_lists(),
+            second_tiers: model.has_second_tiers(),
+            slim: model.is_slim(),
+        }
     }
 }
 
@@ -147,7 +155,7 @@ impl Plan {
 
     /// Rules of the lists; `None` when the lists are not searched.
     const fn lists(&self) -> Option<&'static Lists> {
-        if self.scope.lists && !self.is_thorough() { self.rules.lists.as_ref() } else { None }
+        if self.scope.lists && (self.scope.slim || !self.is_thorough()) { self.rules.lists.as_ref() } else { None }
     }
 
     const fn is_thorough(&self) -> bool {
@@ -215,7 +223,7 @@ impl Plan {
         }
         let last = i + 1 == LISTED.len();
         let bar = if last { self.bar_of_lists(lists) } else { self.first_bar() };
-        let always = i == 0 || objects <= lists.few;
+        let always = i == 0 || objects <= lists.few || self.is_thorough();
         let when = if always { When::Always } else { When::InDoubtOrOpen(lists.doubt) };
         Some(Step { tier, levels, when, matching, decide: Some(bar), counts: last })
     }
@@ -261,7 +269,8 @@ mod tests {
     use std::string::String;
     use std::vec::Vec;
 
-    const ONE: Scope = Scope { objects: 1, lists: false, second_tiers: true };
+    const ONE: Scope = Scope { objects: 1, lists: false, second_tiers: true, slim: false };
+    const MANY: Scope = Scope { objects: 3, lists: true, ..ONE };
 
     /// The steps of a round as a table, one line for each step. A line holds tier, levels and
     /// condition, then the bits and marks that may differ, then minimum weight, score, heavy weight
@@ -309,7 +318,7 @@ mod tests {
     #[test]
     fn a_thorough_search_takes_every_step_and_decides_once() {
         assert_eq!(
-            table(Scope { objects: 3, lists: true, second_tiers: true }, Method::Keygraph, THOROUGH, 2),
+            table(MANY, Method::Keygraph, THOROUGH, 2),
             [
                 "First(2) Coarse Always | 6 18 | -",
                 "Second(2) Coarse Always | 6 18 | -",
@@ -317,6 +326,21 @@ mod tests {
                 "Second(2) Finest Always | 6 18 | 0 0.600 0.800 0 0",
             ]
         );
+    }
+
+    #[test]
+    fn a_thorough_search_of_a_slim_model_takes_every_step_of_its_lists() {
+        let slim = Scope { objects: 100, second_tiers: false, slim: true, ..MANY };
+        assert_eq!(
+            table(slim, Method::Keygraph, THOROUGH, 0),
+            [
+                "Shortlist Coarse Always | 3 16 | 12 0.990 0.800 100 16",
+                "Shortlist Finest Always | 3 16 | 12 0.990 0.800 100 16",
+                "Longlist Coarse Always | 4 16 | 12 0.990 0.800 100 16",
+                "Longlist Finest Always | 4 16 | 8 0.863 0.800 0 0, counts",
+            ]
+        );
+        assert_eq!(plan(slim, Depth::Thorough).rounds(), 1);
     }
 
     #[test]
@@ -333,7 +357,7 @@ mod tests {
     #[test]
     fn few_objects_are_all_searched_for_to_the_end() {
         assert_eq!(
-            table(Scope { objects: 16, lists: true, second_tiers: true }, Method::Keygraph, WISH, 0),
+            table(Scope { objects: 16, ..MANY }, Method::Keygraph, WISH, 0),
             [
                 "Shortlist Coarse Always | 6 18 | 12 0.990 0.800 100 16",
                 "Shortlist Finest Always | 6 18 | 12 0.990 0.800 100 16",
@@ -345,7 +369,7 @@ mod tests {
 
     #[test]
     fn of_many_objects_the_rest_is_searched_for_while_in_doubt() {
-        let scope = |objects| Scope { objects, lists: true, second_tiers: true };
+        let scope = |objects| Scope { objects, ..MANY };
         assert_eq!(
             table(scope(17), Method::Keygraph, WISH, 0),
             [
@@ -371,7 +395,7 @@ mod tests {
 
     #[test]
     fn rounds_and_settling_follow_from_the_scope() {
-        let scope = |objects, lists| Scope { objects, lists, second_tiers: true };
+        let scope = |objects, lists| Scope { objects, lists, ..MANY };
         let of = |scope, depth| (plan(scope, depth).rounds(), plan(scope, depth).settle());
         assert_eq!(of(scope(1, false), Depth::Usual), (1, Settle::Never));
         assert_eq!(of(scope(5, false), Depth::Usual), (5, Settle::AfterRound));

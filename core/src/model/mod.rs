@@ -10,6 +10,7 @@ pub mod parse;
 pub mod table;
 pub mod part;
 pub mod pack;
+pub mod slim;
 pub mod views;
 pub mod train;
 pub mod preset;

@@ -41,6 +41,14 @@ pub enum PackError {
         /// Index of the first model that differs from model 0.
         index: usize,
     },
+    /// A model is slim: pack the models that it was made of.
+    Slim {
+        /// Index of the first such model.
+        index: usize,
+    },
+    /// The model has no lists, without which it cannot be slim: pack at least two models, not trained by
+    /// [`Method::Paper`].
+    NoLists,
     /// There are more than 65,535 objects or views, or more than 4 GiB: split them over several
     /// files.
     TooMany,
@@ -59,6 +67,8 @@ says!(PackError {
         "model {} was trained by another method than the first: train all with `--preset paper`, or none",
         index + 1
     ),
+    Self::Slim { index } => ("model {} is slim: pack the models that it was made of", index + 1),
+    Self::NoLists => ("only a pack of at least two objects can be slim, and none of the method `paper`"),
     Self::TooMany => ("more than 65,535 objects or views, or 4 GiB, do not fit one model: split them over several"),
     Self::NoRoom { needed, given } => ("{} bytes cannot hold the packed model of {}", given, needed),
 });
@@ -79,11 +89,14 @@ struct Plan {
     tiers: Tiers,
     counts: Counts,
     layout: Layout,
+    /// Maximum number of keygraphs of each object in the lists.
+    most: usize,
 }
 
 impl Plan {
-    /// Checks that `parts` can be packed together, and sums up their counts.
-    fn new<'a>(parts: impl Parts<'a>) -> Result<Self, PackError> {
+    /// Checks that `parts` can be packed together, and sums up their counts. The lists get at most `most` keygraphs of
+    /// each object.
+    fn new<'a>(parts: impl Parts<'a>, most: usize) -> Result<Self, PackError> {
         let method = parts.clone().next().ok_or(PackError::Nothing)?.model.method();
         let feature = kind(parts.clone());
         let alike = |p: &Part<'_>| {
@@ -92,6 +105,9 @@ impl Plan {
         };
         if let Some(index) = parts.clone().position(|p| !alike(&p)) {
             return Err(PackError::Different { index });
+        }
+        if let Some(index) = parts.clone().position(|p| p.model.is_slim()) {
+            return Err(PackError::Slim { index });
         }
         // The lists of the input models are not counted: packing makes new lists.
         let mut counts = Counts::default();
@@ -106,7 +122,7 @@ impl Plan {
         if lists {
             let n = counts.objects;
             counts.listed =
-                each_object(parts.clone()).map(|o| shares(&o.model, o.object, n).iter().sum::<usize>()).sum();
+                each_object(parts.clone()).map(|o| shares(&o.model, o.object, n, most).iter().sum::<usize>()).sum();
             counts.keygraphs += counts.listed;
         }
         let tiers = Tiers { lists, second: parts.into_iter().any(|p| p.second) };
@@ -115,7 +131,7 @@ impl Plan {
             return Err(PackError::TooMany);
         }
         let layout = Layout::new(&counts, tiers, method.sampling().bytes(feature)).ok_or(PackError::TooMany)?;
-        Ok(Self { method, feature, tiers, counts, layout })
+        Ok(Self { method, feature, tiers, counts, layout, most })
     }
 
     /// Length of a feature of the packed model, bytes.
@@ -134,15 +150,15 @@ fn kind<'a>(mut parts: impl Parts<'a>) -> FeatureKind {
 /// # Errors
 /// [`PackError`] when the models cannot be packed into one.
 pub fn packed_len(models: &[Model<'_>]) -> Result<usize, PackError> {
-    Plan::new(whole(models)).map(|plan| plan.layout.end)
+    Plan::new(whole(models), usize::MAX).map(|plan| plan.layout.end)
 }
 
 /// Length of the model that [`pack_parts`] makes of `parts`, bytes.
 ///
 /// # Errors
 /// [`PackError`] when the parts cannot be packed into one model.
-pub fn packed_parts_len(parts: &[Part<'_>]) -> Result<usize, PackError> {
-    Plan::new(parts.iter().cloned()).map(|plan| plan.layout.end)
+pub fn packed_parts_len(parts: &[Part<'_>], most: usize) -> Result<usize, PackError> {
+    Plan::new(parts.iter().cloned(), most).map(|plan| plan.layout.end)
 }
 
 /// An object that is packed: its model, and its index there.
@@ -172,9 +188,9 @@ fn each_object<'a>(parts: impl Parts<'a>) -> impl Iterator<Item = Packed<'a>> {
 }
 
 /// Number of keygraphs of an object in each of the two lists, for a packed model of `objects`
-/// objects.
-fn shares(m: &Model<'_>, object: u16, objects: usize) -> [usize; 2] {
-    let mut left = own_keygraphs(m, object).count();
+/// objects: at most `most` in both.
+fn shares(m: &Model<'_>, object: u16, objects: usize, most: usize) -> [usize; 2] {
+    let mut left = own_keygraphs(m, object).count().min(most);
     let shares = m.method().parameters().lists.map(|lists| lists.shares);
     shares.map_or([0; 2], |shares| {
         shares.map(|share| {
@@ -263,7 +279,7 @@ fn write_lists<'a>(parts: impl Parts<'a>, plan: &Plan, out: &mut [u8], copied: &
     let choice = |out: &[u8], o: &Packed<'_>, first: usize| {
         let n = own_keygraphs(&o.model, o.object).count();
         let of_object = (first..first + n).map(|i| costs.get(out, i));
-        Choice::new(of_object, shares(&o.model, o.object, plan.counts.objects))
+        Choice::new(of_object, shares(&o.model, o.object, plan.counts.objects, plan.most))
     };
     let (mut places, mut n) = ([[0; CELLS]; 2], 0);
     for o in each_object(parts.clone()) {
@@ -311,21 +327,22 @@ fn write_lists<'a>(parts: impl Parts<'a>, plan: &Plan, out: &mut [u8], copied: &
 /// # Errors
 /// [`PackError`] when the models cannot be packed into one, or when `out` is too short.
 pub fn pack(models: &[Model<'_>], out: &mut [u8]) -> Result<usize, PackError> {
-    pack_all(whole(models), out)
+    pack_all(whole(models), usize::MAX, out)
 }
 
 /// Merges parts of models into one model at the start of `out`, as [`pack`] does with whole ones. Returns its
-/// length, bytes. Objects stand in the order of the parts.
+/// length, bytes. Objects stand in the order of the parts. The lists hold at most `most` keygraphs of each object:
+/// with fewer a search for many objects takes less time, and finds a little less; with none it finds nothing.
 ///
 /// # Errors
 /// [`PackError`] when the parts cannot be packed into one model, or when `out` is too short.
-pub fn pack_parts(parts: &[Part<'_>], out: &mut [u8]) -> Result<usize, PackError> {
-    pack_all(parts.iter().cloned(), out)
+pub fn pack_parts(parts: &[Part<'_>], most: usize, out: &mut [u8]) -> Result<usize, PackError> {
+    pack_all(parts.iter().cloned(), most, out)
 }
 
-fn pack_all<'a>(parts: impl Parts<'a>, out: &mut [u8]) -> Result<usize, PackError> {
-    let plan = Plan::new(parts.clone())?;
-    let Plan { method, feature, tiers, counts, layout } = &plan;
+fn pack_all<'a>(parts: impl Parts<'a>, most: usize, out: &mut [u8]) -> Result<usize, PackError> {
+    let plan = Plan::new(parts.clone(), most)?;
+    let Plan { method, feature, tiers, counts, layout, .. } = &plan;
     let given = out.len();
     let out = out.get_mut(..layout.end).ok_or(PackError::NoRoom { needed: layout.end, given })?;
 

@@ -541,6 +541,12 @@ impl<'a> Model<'a> {
         self.tiers.second
     }
 
+    /// Whether the model holds lists alone ([`slim`](crate::slim)).
+    #[must_use]
+    pub const fn is_slim(&self) -> bool {
+        self.tiers.lists && self.counts.listed == self.counts.keygraphs
+    }
+
     /// Keys of all keygraphs.
     #[must_use]
     pub fn keys(&self) -> Keys<'a> {
@@ -561,18 +567,20 @@ impl<'a> Model<'a> {
     }
 
     /// Number of subsets that hold at least one keygraph, and the size of the largest subset. The
-    /// tiers of all objects count together; the lists do not count.
+    /// tiers of all objects count together. The lists do not count, but in a slim model, which has nothing else.
     #[must_use]
     pub fn occupancy(&self) -> (usize, usize) {
         let entry = |tier, cell| self.index_entry(CELLS * tier + cell);
-        let tiers = 2 * usize::from(self.tiers.lists)..self.tiers.count(self.objects());
+        let tiers = 2 * usize::from(self.tiers.lists && !self.is_slim())..self.tiers.count(self.objects());
         let sizes = || (0..CELLS).map(|c| tiers.clone().map(|t| entry(t, c + 1) - entry(t, c)).sum::<usize>());
         (sizes().filter(|&n| n > 0).count(), sizes().max().unwrap_or(0))
     }
 }
 
+/// The bytes of a name without the zeros that pad it. The length is taken as unknown: a loop of known length would be
+/// written out, and take 300 bytes of a board's flash.
 fn trim(name: &[u8]) -> &[u8] {
-    let end = name.iter().position(|&b| b == 0).unwrap_or(name.len());
+    let end = core::hint::black_box(name).iter().take_while(|&&b| b != 0).count();
     &name[..end]
 }
 

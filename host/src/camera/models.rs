@@ -448,6 +448,7 @@ fn check_together(entry: &Entry, model: Model<'_>) -> Result<()> {
     if let Ok(bytes) = entry.read()
         && let Ok(other) = Model::parse(&bytes)
     {
+        ensure!(!other.is_slim(), "{} is slim: it must be the only model", entry.name);
         packed_len(&[other, model]).context("the models do not go together")?;
     }
     Ok(())

@@ -8,8 +8,8 @@ use std::{io, slice};
 
 use anyhow::{Context, Error, Result, ensure};
 use keygraph::file::{Identity, read_whole};
-use keygraph::learn;
-use keygraph_core::{MAGIC, Model, PackError};
+use keygraph::repack;
+use keygraph_core::{MAGIC, Model, PackError, Part};
 
 /// The models that are meant: those of a folder in place of the folder, by name, and each file once.
 ///
@@ -51,7 +51,7 @@ pub fn load(paths: &[PathBuf]) -> Result<Vec<u8>> {
     if models.len() == 1 {
         return Ok(models.remove(0));
     }
-    joined(&parse_all(&models, paths)?, paths)
+    joined(&parse_all(&models, paths)?, paths, None)
 }
 
 /// Reads models.
@@ -62,13 +62,17 @@ pub fn read_all(paths: &[PathBuf]) -> Result<Vec<Vec<u8>>> {
     paths.iter().map(|path| read(path)).collect()
 }
 
-/// Merges the models that were read from `paths`.
+/// Merges the models that were read from `paths`. The lists get at most `listed` keygraphs of each object, or as many
+/// as packing takes.
 ///
 /// # Errors
 /// When a model does not go with the others.
-pub fn joined(models: &[Model<'_>], paths: &[PathBuf]) -> Result<Vec<u8>> {
-    learn::joined(models).map_err(|e| match e {
-        PackError::Different { index } => Error::new(e).context(paths[index].display().to_string()),
+pub fn joined(models: &[Model<'_>], paths: &[PathBuf], listed: Option<usize>) -> Result<Vec<u8>> {
+    let parts: Vec<_> = models.iter().copied().map(Part::from).collect();
+    repack::packed(&parts, listed).map_err(|e| match e {
+        PackError::Different { index } | PackError::Slim { index } => {
+            Error::new(e).context(paths[index].display().to_string())
+        }
         _ => e.into(),
     })
 }

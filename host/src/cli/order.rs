@@ -2,12 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use keygraph::camera::mqtt::order::Order;
 use keygraph::output::print_line;
-use keygraph_core::packed_len;
+use keygraph_core::{Model, packed_len};
 
-use super::model_files::{parse, read_all};
+use super::model_files::{parse_all, read_all};
 
 /// Arguments of `keygraph order`.
 #[derive(Debug, clap::Args)]
@@ -30,8 +30,14 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> Result<()> {
     let Arguments { models: paths, url, version } = arguments;
     let read = read_all(paths)?;
-    let models = read.iter().zip(paths).map(|(bytes, path)| parse(bytes, std::slice::from_ref(path)));
-    packed_len(&models.collect::<Result<Vec<_>>>()?).context("the models do not go together")?;
+    let models = parse_all(&read, paths)?;
+    // A single one need not be packed, and may be slim.
+    if models.len() > 1 {
+        if let Some(slim) = models.iter().position(Model::is_slim) {
+            bail!("{} is slim: it must be the only model", paths[slim].display());
+        }
+        packed_len(&models).context("the models do not go together")?;
+    }
     let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let files: Vec<_> = paths.iter().map(|path| name(path)).zip(read).collect();
     print_line(&serde_json::to_string(&Order::of_files(url, version.clone(), &files)?)?)

@@ -4,11 +4,13 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
+use clap::{ArgGroup, value_parser};
+use keygraph::learn;
 use keygraph::notice::{is_quiet, notice};
 use keygraph::output::{Inputs, check_model_output, print_line, write_file};
 use keygraph::repack::{self, Repacked, repack};
 use keygraph::words;
-use keygraph_core::Model;
+use keygraph_core::{Model, PackError};
 
 use super::compare::{Shared, tell_among};
 use super::model_files::{joined, parse_all, read_all};
@@ -18,9 +20,11 @@ const COMPARED: usize = 32 * 31 / 2;
 
 /// Arguments of `keygraph pack`.
 #[derive(Debug, clap::Args)]
+#[command(group(ArgGroup::new("what").multiple(true)))]
 #[command(override_usage = "keygraph pack [OPTIONS] -o <ALL.kgm> <MODEL.kgm>...\n       \
                             keygraph pack [OPTIONS] -m <ALL.kgm> [--add <NEW.kgm>...] [--replace <NEW.kgm>...] \
-                            [--remove <NAME>...]")]
+                            [--remove <NAME>...]\n       \
+                            keygraph pack -m <ALL.kgm> --slim [--listed <N>] -o <SLIM.kgm>")]
 pub struct Arguments {
     /// Models to merge
     #[arg(required_unless_present = "model", conflicts_with_all = ["model", "changes"], value_name = "MODEL.kgm")]
@@ -29,10 +33,22 @@ pub struct Arguments {
     #[arg(short, long, required_unless_present = "model", value_name = "ALL.kgm")]
     output: Option<PathBuf>,
     /// Model whose objects are changed; the models that it was packed from are not needed
-    #[arg(short, long, requires = "changes", value_name = "ALL.kgm")]
+    #[arg(short, long, requires = "what", value_name = "ALL.kgm")]
     model: Option<PathBuf>,
     #[command(flatten)]
     changes: Changes,
+    /// Leave out what a search for all objects at once does not read, half to four fifths of the file
+    ///
+    /// What is seen plainly is found as with the whole file. A slim file cannot be changed or packed again: keep the
+    /// models, or the whole file.
+    #[arg(long, group = "what")]
+    slim: bool,
+    /// Maximum number of keygraphs of each object that a search for many objects compares
+    ///
+    /// With fewer a search takes less time, and finds a little less. Without the option there are 6,848, and fewer with
+    /// more than 558 objects.
+    #[arg(long, group = "what", value_name = "N", value_parser = value_parser!(u32).range(1..))]
+    listed: Option<u32>,
     /// Tell which objects look alike, however many there are [default: up to 496 pairs, those of 32 objects]
     #[arg(long)]
     compare: bool,
@@ -45,14 +61,20 @@ pub struct Arguments {
 #[group(id = "changes", multiple = true)]
 struct Changes {
     /// Models whose objects come after those of ALL.kgm
-    #[arg(long, num_args = 1.., requires = "model", value_name = "NEW.kgm")]
+    #[arg(long, num_args = 1.., requires = "model", group = "what", value_name = "NEW.kgm")]
     add: Vec<PathBuf>,
     /// Models whose objects take the places of those with their names
-    #[arg(long, num_args = 1.., requires = "model", value_name = "NEW.kgm")]
+    #[arg(long, num_args = 1.., requires = "model", group = "what", value_name = "NEW.kgm")]
     replace: Vec<PathBuf>,
     /// Objects to remove, before others are replaced or added
-    #[arg(long, num_args = 1.., requires = "model", value_name = "NAME")]
+    #[arg(long, num_args = 1.., requires = "model", group = "what", value_name = "NAME")]
     remove: Vec<String>,
+}
+
+impl Arguments {
+    fn listed(&self) -> Option<usize> {
+        self.listed.map(|n| n as usize)
+    }
 }
 
 /// Merges models or changes one, writes the file and tells which objects look alike.
@@ -73,7 +95,7 @@ fn merge(arguments: &Arguments, output: &Path) -> Result<()> {
     check_model_output(output, &Inputs::of(models.iter().map(PathBuf::as_path)))?;
     let parts = read_all(models)?;
     let parts = parse_all(&parts, models)?;
-    write(&joined(&parts, models)?, output, "")?;
+    write(joined(&parts, models, arguments.listed())?, arguments, output, "")?;
     let counts: Vec<_> = parts.iter().map(Model::objects).collect();
     compare(arguments, &parts, &counts, |_| true)
 }
@@ -85,24 +107,38 @@ fn change(arguments: &Arguments, all: &Path, output: Option<&Path>) -> Result<()
         "{} is no file: say with -o which file to write",
         all.display()
     );
+    ensure!(
+        output.is_some() || !arguments.slim,
+        "a slim file cannot be changed later: say with -o which file to write, and keep {}",
+        all.display()
+    );
     let new: Vec<_> = replace.iter().chain(add).cloned().collect();
     let output = output.unwrap_or(all);
-    check_model_output(output, &Inputs::of(new.iter().map(PathBuf::as_path)))?;
+    // A whole file that its slim form replaced would be lost.
+    let read = new.iter().map(PathBuf::as_path).chain(arguments.slim.then_some(all));
+    check_model_output(output, &Inputs::of(read))?;
 
     let paths: Vec<_> = [all.to_path_buf()].into_iter().chain(new).collect();
     let bytes = read_all(&paths)?;
     let models = parse_all(&bytes, &paths)?;
+    if let Some(index) = models.iter().position(Model::is_slim) {
+        return Err(PackError::Slim { index }).with_context(|| paths[index].display().to_string());
+    }
     let (before, new) = (&models[0], &models[1..]);
+    if new.is_empty() && remove.is_empty() && arguments.listed.is_none() {
+        let slim = learn::slimmed(before).with_context(|| all.display().to_string())?;
+        return write(slim, arguments, output, "");
+    }
     let (replace, add) = new.split_at(replace.len());
     let Repacked { model, kept: is_kept } =
-        repack(before, &repack::Changes { add, replace, remove }).with_context(|| all.display().to_string())?;
+        repack(before, &repack::Changes { add, replace, remove, listed: arguments.listed() })
+            .with_context(|| all.display().to_string())?;
 
     let kept = is_kept.iter().filter(|&&kept| kept).count();
     let [added, replaced] = [add, replace].map(|models| models.iter().map(Model::objects).sum::<usize>());
     let counts = [(added, "added"), (replaced, "replaced"), (before.objects() - kept - replaced, "removed")];
     let said: String = counts.iter().filter(|(n, _)| *n > 0).map(|(n, what)| format!(", {n} {what}")).collect();
-    write(&model, output, &said)?;
-    drop(model);
+    write(model, arguments, output, &said)?;
     let counts: Vec<_> = [kept].into_iter().chain(new.iter().map(Model::objects)).collect();
     if new.is_empty() {
         return Ok(());
@@ -110,10 +146,15 @@ fn change(arguments: &Arguments, all: &Path, output: Option<&Path>) -> Result<()
     compare(arguments, &models, &counts, |(m, i)| m > 0 || is_kept[i])
 }
 
-/// Writes the bytes of a model, and tells what is in it. `changes` is said after the number of objects.
-fn write(packed: &[u8], output: &Path, changes: &str) -> Result<()> {
-    let model = Model::parse(packed)?;
-    write_file(output, |file| Ok(file.write_all(packed)?))?;
+/// Writes the bytes of a model, or of its slim form, and tells what is in it. `changes` is said after the number of
+/// objects.
+fn write(packed: Vec<u8>, arguments: &Arguments, output: &Path, changes: &str) -> Result<()> {
+    let packed = if arguments.slim { learn::slimmed(&Model::parse(&packed)?)? } else { packed };
+    let model = Model::parse(&packed)?;
+    write_file(output, |file| Ok(file.write_all(&packed)?))?;
+    if arguments.listed.is_some() && !model.has_lists() {
+        notice("--listed changes nothing: one object has no lists, and neither have models of the method `paper`");
+    }
     if is_quiet() {
         return Ok(());
     }

@@ -50,6 +50,46 @@ fn models_that_do_not_go_together_are_refused_with_advice() {
 }
 
 #[test]
+fn a_slim_file_finds_the_same_and_cannot_be_changed() {
+    let folder = Folder::new("slim");
+    let (astronaut, coffee) = (astronaut(&folder), folder.file("coffee.kgm", &compact("coffee", &[])));
+    let [all, slim, at_once, other] =
+        ["all", "slim", "at-once", "other"].map(|name| folder.join(&format!("{name}.kgm")));
+    keygraph!("pack", astronaut, coffee, "-o", all).ended_with(0);
+    keygraph!("pack", astronaut, coffee, "--slim", "-o", at_once).ended_with(0);
+    let told = keygraph!("pack", "-m", all, "--slim", "-o", slim).ended_with(0);
+    assert!(told.out.contains("slim: those of the lists alone"), "{}", told.out);
+    let [whole, made, once] = [&all, &slim, &at_once].map(|path| fs::read(path).unwrap());
+    assert!(made == once && 10 * made.len() < 6 * whole.len(), "{} of {} bytes", made.len(), whole.len());
+    assert!(keygraph!("inspect", slim, "--json").ended_with(0).object()["slim"] == true);
+    let [a, b] = [&all, &slim].map(|m| keygraph!("detect", "-m", m, frame(17), "--json").ended_with(0).lines());
+    assert_eq!(without_times(a), without_times(b));
+
+    // Fewer keygraphs of each object, from the models and from the whole file.
+    let [few, again] = ["few", "again"].map(|name| folder.join(&format!("{name}.kgm")));
+    keygraph!("pack", astronaut, coffee, "--slim", "--listed", "1000", "-o", few).ended_with(0);
+    keygraph!("pack", "-m", all, "--slim", "--listed", "1000", "-o", again).ended_with(0);
+    assert_eq!(count(&keygraph!("inspect", few, "--json").ended_with(0).object(), "keygraphs"), 2000);
+    assert!(fs::read(&few).unwrap() == fs::read(&again).unwrap());
+
+    let alone = keygraph!("pack", astronaut, "--listed", "1000", "-o", folder.join("alone.kgm")).ended_with(0);
+    assert!(alone.err.contains("--listed changes nothing"), "{}", alone.err);
+
+    keygraph!("pack", slim, astronaut, "-o", other).refused_with(&["slim.kgm", "pack the models that it was made of"]);
+    keygraph!("pack", "-m", slim, "--remove", "coffee")
+        .refused_with(&["slim.kgm", "pack the models that it was made of"]);
+    keygraph!("pack", "-m", all, "--add", slim).refused_with(&["slim.kgm", "is slim"]);
+    keygraph!("detect", "-m", slim, "-m", astronaut, frame(0)).refused_with(&["slim.kgm", "is slim"]);
+    let url = "http://localhost/models/";
+    keygraph!("order", "--url", url, slim).ended_with(0);
+    keygraph!("order", "--url", url, astronaut, slim).refused_with(&["slim.kgm is slim: it must be the only model"]);
+    keygraph!("pack", "-m", all, "--slim").refused_with(&["-o", "keep "]);
+    keygraph!("pack", "-m", all, "--slim", "-o", all).refused_with(&["overwrite an input"]);
+    keygraph!("pack", astronaut, "--slim", "-o", other).refused_with(&["at least two objects"]);
+    assert!(!other.exists() && fs::read(&slim).unwrap() == made && fs::read(&all).unwrap() == whole);
+}
+
+#[test]
 fn gray_and_coloured_pictures_are_searched_together() {
     let folder = Folder::new("gray");
     let (both, luma) = (astronaut(&folder), folder.file("luma.kgm", &compact("coffee", &["--luma"])));

@@ -9,6 +9,7 @@ use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 use std::time::{Duration, SystemTime};
 
@@ -131,10 +132,11 @@ pub fn has_ffmpeg(what: &str) -> bool {
 pub struct Folder(pub PathBuf);
 
 impl Folder {
-    /// Makes the folder. Only one test of a file may use `name`.
+    /// Makes the folder. Tests that run side by side may use the same `name`.
     pub fn new(name: &str) -> Self {
-        let test = env!("CARGO_CRATE_NAME");
-        let path = std::env::temp_dir().join(format!("keygraph-{test}-{}-{name}", std::process::id()));
+        static MADE: AtomicUsize = AtomicUsize::new(0);
+        let (test, made) = (env!("CARGO_CRATE_NAME"), MADE.fetch_add(1, Ordering::Relaxed));
+        let path = std::env::temp_dir().join(format!("keygraph-{test}-{}-{made}-{name}", std::process::id()));
         fs::create_dir_all(&path).unwrap();
         Self(path)
     }
