@@ -6,7 +6,7 @@
 use std::sync::Mutex;
 
 use anyhow::{Context, Result, ensure};
-use keygraph_core::{Frame, Model, PackError, Trained, VgaTrainer, pack, packed_len, slim, slim_len};
+use keygraph_core::{Frame, Model, PackError, Part, Trained, VgaTrainer, pack_parts, packed_parts_len, slim, slim_len};
 
 use crate::input::{Picture, Pixels};
 use crate::search::fit;
@@ -137,16 +137,18 @@ pub fn train_within(
 /// When a model is damaged, or the models differ in method or feature.
 pub fn merge(models: &[impl AsRef<[u8]>]) -> Result<Vec<u8>> {
     let parsed = models.iter().map(|m| Model::parse(m.as_ref())).collect::<Result<Vec<_>, _>>()?;
-    Ok(joined(&parsed)?)
+    let parts: Vec<_> = parsed.into_iter().map(Part::from).collect();
+    Ok(joined(&parts, None)?)
 }
 
-/// Merges models as [`merge`] does, of which it has views already.
+/// Packs parts of models. The lists get at most `listed` keygraphs of each object, or as many as packing takes.
 ///
 /// # Errors
-/// When the models differ in method or feature.
-pub fn joined(models: &[Model<'_>]) -> Result<Vec<u8>, PackError> {
-    let mut out = vec![0; packed_len(models)?];
-    pack(models, &mut out)?;
+/// When the models do not go together.
+pub fn joined(parts: &[Part<'_>], listed: Option<usize>) -> Result<Vec<u8>, PackError> {
+    let most = listed.unwrap_or(usize::MAX);
+    let mut out = vec![0; packed_parts_len(parts, most)?];
+    pack_parts(parts, most, &mut out)?;
     Ok(out)
 }
 

@@ -8,8 +8,9 @@
 use std::collections::{HashMap, HashSet};
 
 use anyhow::{Context, Error, Result, anyhow, bail, ensure};
-use keygraph_core::{Model, PackError, Part, pack_parts, packed_parts_len};
+use keygraph_core::{Model, Part};
 
+use crate::learn::joined;
 use crate::output::plain;
 
 /// Maximum number of names that a message tells.
@@ -102,7 +103,7 @@ pub fn repack(model: &Model<'_>, changes: &Changes<'_>) -> Result<Repacked> {
             .with_context(|| format!("the records of {} do not lie together: train and pack again", shown(&run[0])))
     };
     let parts = runs.map(part).collect::<Result<Vec<_>>>()?;
-    Ok(Repacked { model: packed(&parts, changes.listed)?, kept })
+    Ok(Repacked { model: joined(&parts, changes.listed)?, kept })
 }
 
 fn unknown(name: &str, model: &Model<'_>) -> Error {
@@ -112,15 +113,4 @@ fn unknown(name: &str, model: &Model<'_>) -> Error {
         names += &format!(" and {} others", objects - told);
     }
     anyhow!("there is no object {}: there are {names}", plain(name))
-}
-
-/// Packs parts of models. The lists get at most `listed` keygraphs of each object, or as many as packing takes.
-///
-/// # Errors
-/// When the models do not go together.
-pub fn packed(parts: &[Part<'_>], listed: Option<usize>) -> Result<Vec<u8>, PackError> {
-    let most = listed.unwrap_or(usize::MAX);
-    let mut out = vec![0; packed_parts_len(parts, most)?];
-    pack_parts(parts, most, &mut out)?;
-    Ok(out)
 }

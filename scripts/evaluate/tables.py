@@ -150,22 +150,24 @@ def stages(told=None):
 
 def growth():
     """Time against objects."""
-    return growth_rows("objects", "{objects:,}", lambda r: r["listed"] is None)
+    return growth_rows("objects", lambda r: f"{r['objects']:,}", lambda r: r["listed"] is None)
 
 
 def listed():
     """The largest number of objects, with fewer keygraphs of each."""
     rows = read_record("growth")["objects"]
     most = max(r["objects"] for r in rows)
-    return growth_rows("`--listed`", "{listed:,}", lambda r: r["objects"] == most)
+    return growth_rows(
+        "`--listed`", lambda r: f"{r['listed']:,}" if r["listed"] else "—", lambda r: r["objects"] == most
+    )
 
 
 def growth_rows(title, first, wanted):
-    """A table of the rows of `growth` that are wanted; `first` formats their first cell."""
+    """A table of the rows of `growth` that are wanted; `first` gives their first cell."""
     lines = [
         row(
             [
-                first.format(**r) if r["listed"] or "listed" not in first else "—",
+                first(r),
                 f"{100 * r['found']:.0f} %",
                 f"{r['ms']:.3g}",
                 f"{r['absent_ms']:.3g}",

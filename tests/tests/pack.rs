@@ -287,6 +287,7 @@ fn the_merged_model_finds_what_the_models_find() {
     let mut many = vec![a, b];
     many.resize(20, c);
     let many = merge(&many.into_iter().cloned().collect::<Vec<_>>()).unwrap();
+    let slim = [&merged, &many].map(|model| slimmed(&Model::parse(model).unwrap()).unwrap());
     for (frame, profile, objects) in [
         ("0001", Profile::Vga, &["astronaut"][..]),
         ("0017", Profile::Vga, &["astronaut", "coffee"]),
@@ -298,7 +299,6 @@ fn the_merged_model_finds_what_the_models_find() {
         alone.sort_by(|a, b| a.0.cmp(&b.0));
         let names: Vec<_> = alone.iter().map(|d| d.0.clone()).collect();
         assert_eq!(names, objects, "{frame} {profile:?}: found by the models alone");
-        let slim = [&merged, &many].map(|model| slimmed(&Model::parse(model).unwrap()).unwrap());
         for (model, what) in [
             (&merged, "the merged model"),
             (&many, "a model of many"),

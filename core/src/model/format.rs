@@ -312,11 +312,6 @@ impl Counts {
         }
     }
 
-    /// The counts without the keygraphs of the objects' own tiers.
-    pub(crate) const fn slim(&self) -> Self {
-        Self { keygraphs: self.listed, ..*self }
-    }
-
     fn put(&self, header: &mut [u8]) {
         header::OBJECTS.put_size(header, self.objects);
         header::VIEWS.put_size(header, self.views);

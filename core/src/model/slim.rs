@@ -7,19 +7,19 @@
 //! Memory: none of its own. Cost: one copy of the bytes that are left, and their checksum.
 
 use crate::extract::keygraph::CELLS;
-use crate::model::format::{ENTRY, Layout, START, Tier, Tiers, write_header};
+use crate::model::format::{Counts, ENTRY, Layout, START, Tiers, write_header};
 use crate::model::pack::PackError;
 use crate::model::parse::Model;
 
-/// The layout of the slim form of a model, and how many keygraphs it holds.
-fn plan(model: &Model<'_>) -> Result<(Layout, Tiers, usize), PackError> {
+/// The tiers, the counts and the layout of the slim form of a model.
+fn plan(model: &Model<'_>) -> Result<(Tiers, Counts, Layout), PackError> {
     if !model.has_lists() {
         return Err(PackError::NoLists);
     }
-    let tiers = Tiers { lists: true, second: false };
-    let listed = model.tier(Tier::Longlist).end;
-    let layout = Layout::new(&model.counts().slim(), tiers, model.feature_bytes()).ok_or(PackError::TooMany)?;
-    Ok((layout, tiers, listed))
+    let (all, tiers) = (model.counts(), Tiers { lists: true, second: false });
+    let counts = Counts { keygraphs: all.listed, ..*all };
+    let layout = Layout::new(&counts, tiers, model.feature_bytes()).ok_or(PackError::TooMany)?;
+    Ok((tiers, counts, layout))
 }
 
 /// Length of the model that [`slim`] makes, bytes.
@@ -27,7 +27,7 @@ fn plan(model: &Model<'_>) -> Result<(Layout, Tiers, usize), PackError> {
 /// # Errors
 /// [`PackError::NoLists`] when the model has no lists.
 pub fn slim_len(model: &Model<'_>) -> Result<usize, PackError> {
-    plan(model).map(|(layout, ..)| layout.end)
+    plan(model).map(|(.., layout)| layout.end)
 }
 
 /// Writes a model without the tiers of its objects at the start of `out`. Returns its length, bytes.
@@ -35,7 +35,8 @@ pub fn slim_len(model: &Model<'_>) -> Result<usize, PackError> {
 /// # Errors
 /// [`PackError::NoLists`] when the model has no lists, [`PackError::NoRoom`] when `out` is too short.
 pub fn slim(model: &Model<'_>, out: &mut [u8]) -> Result<usize, PackError> {
-    let (to, tiers, listed) = plan(model)?;
+    let (tiers, counts, to) = plan(model)?;
+    let listed = counts.listed;
     let given = out.len();
     let out = out.get_mut(..to.end).ok_or(PackError::NoRoom { needed: to.end, given })?;
     let (from, bytes) = (model.layout(), model.bytes());
@@ -50,6 +51,6 @@ pub fn slim(model: &Model<'_>, out: &mut [u8]) -> Result<usize, PackError> {
     for entry in out[to.index + ENTRY * 2 * CELLS..to.keys].chunks_exact_mut(ENTRY) {
         START.put_size(entry, listed);
     }
-    write_header(out, model.method(), model.feature(), tiers, &model.counts().slim());
+    write_header(out, model.method(), model.feature(), tiers, &counts);
     Ok(out.len())
 }

@@ -8,7 +8,7 @@ use std::{io, slice};
 
 use anyhow::{Context, Error, Result, ensure};
 use keygraph::file::{Identity, read_whole};
-use keygraph::repack;
+use keygraph::learn;
 use keygraph_core::{MAGIC, Model, PackError, Part};
 
 /// The models that are meant: those of a folder in place of the folder, by name, and each file once.
@@ -69,7 +69,7 @@ pub fn read_all(paths: &[PathBuf]) -> Result<Vec<Vec<u8>>> {
 /// When a model does not go with the others.
 pub fn joined(models: &[Model<'_>], paths: &[PathBuf], listed: Option<usize>) -> Result<Vec<u8>> {
     let parts: Vec<_> = models.iter().copied().map(Part::from).collect();
-    repack::packed(&parts, listed).map_err(|e| match e {
+    learn::joined(&parts, listed).map_err(|e| match e {
         PackError::Different { index } | PackError::Slim { index } => {
             Error::new(e).context(paths[index].display().to_string())
         }

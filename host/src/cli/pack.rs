@@ -3,7 +3,7 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Error, Result, ensure};
 use clap::{ArgGroup, value_parser};
 use keygraph::learn;
 use keygraph::notice::{is_quiet, notice};
@@ -95,7 +95,7 @@ fn merge(arguments: &Arguments, output: &Path) -> Result<()> {
     check_model_output(output, &Inputs::of(models.iter().map(PathBuf::as_path)))?;
     let parts = read_all(models)?;
     let parts = parse_all(&parts, models)?;
-    write(joined(&parts, models, arguments.listed())?, arguments, output, "")?;
+    write(&joined(&parts, models, arguments.listed())?, arguments, output, "")?;
     let counts: Vec<_> = parts.iter().map(Model::objects).collect();
     compare(arguments, &parts, &counts, |_| true)
 }
@@ -125,9 +125,9 @@ fn change(arguments: &Arguments, all: &Path, output: Option<&Path>) -> Result<()
         return Err(PackError::Slim { index }).with_context(|| paths[index].display().to_string());
     }
     let (before, new) = (&models[0], &models[1..]);
+    // Its lists are those that it has.
     if new.is_empty() && remove.is_empty() && arguments.listed.is_none() {
-        let slim = learn::slimmed(before).with_context(|| all.display().to_string())?;
-        return write(slim, arguments, output, "");
+        return write(&bytes[0], arguments, output, "").with_context(|| all.display().to_string());
     }
     let (replace, add) = new.split_at(replace.len());
     let Repacked { model, kept: is_kept } =
@@ -138,7 +138,8 @@ fn change(arguments: &Arguments, all: &Path, output: Option<&Path>) -> Result<()
     let [added, replaced] = [add, replace].map(|models| models.iter().map(Model::objects).sum::<usize>());
     let counts = [(added, "added"), (replaced, "replaced"), (before.objects() - kept - replaced, "removed")];
     let said: String = counts.iter().filter(|(n, _)| *n > 0).map(|(n, what)| format!(", {n} {what}")).collect();
-    write(model, arguments, output, &said)?;
+    write(&model, arguments, output, &said)?;
+    drop(model);
     let counts: Vec<_> = [kept].into_iter().chain(new.iter().map(Model::objects)).collect();
     if new.is_empty() {
         return Ok(());
@@ -148,10 +149,11 @@ fn change(arguments: &Arguments, all: &Path, output: Option<&Path>) -> Result<()
 
 /// Writes the bytes of a model, or of its slim form, and tells what is in it. `changes` is said after the number of
 /// objects.
-fn write(packed: Vec<u8>, arguments: &Arguments, output: &Path, changes: &str) -> Result<()> {
-    let packed = if arguments.slim { learn::slimmed(&Model::parse(&packed)?)? } else { packed };
-    let model = Model::parse(&packed)?;
-    write_file(output, |file| Ok(file.write_all(&packed)?))?;
+fn write(packed: &[u8], arguments: &Arguments, output: &Path, changes: &str) -> Result<()> {
+    let slim = arguments.slim.then(|| learn::slimmed(&Model::parse(packed)?).map_err(Error::from)).transpose()?;
+    let packed = slim.as_deref().unwrap_or(packed);
+    let model = Model::parse(packed)?;
+    write_file(output, |file| Ok(file.write_all(packed)?))?;
     if arguments.listed.is_some() && !model.has_lists() {
         notice("--listed changes nothing: one object has no lists, and neither have models of the method `paper`");
     }
